@@ -1,10 +1,9 @@
 """Settings and fixtures of all tests."""
 
+import multiprocessing
 import os
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import hypothesis
@@ -34,12 +33,18 @@ def pytest_configure(config):
 
 
 @pytest.fixture(scope="session")
-def egl():
-    """Skips a test where nothing can be rendered."""
+def without_egl():
+    """Why nothing can be rendered here, or an empty text."""
     command = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
     done = subprocess.run(command, capture_output=True, text=True)
-    if done.returncode:
-        pytest.skip(f"no EGL here: {done.stderr.strip()}")
+    return f"no EGL here: {done.stderr.strip()}" if done.returncode else ""
+
+
+@pytest.fixture(scope="session")
+def egl(without_egl):
+    """Skips a test where nothing can be rendered."""
+    if without_egl:
+        pytest.skip(without_egl)
 
 
 class InProcess:
@@ -90,21 +95,11 @@ def commands_in_process(monkeypatch):
 
 
 @pytest.fixture
-def stopped():
-    """Starts a command, and stops it once a file is there; returns its status and stderr."""
-
-    def stopped(line, folder, pattern):
-        process = subprocess.Popen(line, stderr=subprocess.PIPE, text=True)
-        try:
-            while process.poll() is None and not [*folder.glob(pattern)]:
-                time.sleep(0.001)
-            process.send_signal(signal.SIGTERM)
-            _, printed = process.communicate(timeout=60)
-        finally:
-            process.kill()
-        return process.returncode, printed
-
-    return stopped
+def processes_that_have_imported(monkeypatch):
+    """Lets processes fork from one that has imported PyTorch, which takes seconds of each."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["musebot.protocols.cli.speed"])
+    monkeypatch.setattr(multiprocessing, "get_context", lambda method=None: context)
 
 
 def invented_lives(experiment, rows, seed=0):

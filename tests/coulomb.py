@@ -81,43 +81,46 @@ def drive(robot, motors, start, seconds, half, lean, timestep=1e-4):
 
     Returns poses, shape (T, K, 3), and loads of the wheels in [N], shape (T, K, 2), every 0.1 s.
     """
-    motors, pose = np.asarray(motors, float), np.array(start, float)
-    count, room = len(pose), np.asarray(half) - robot.radius
+    # Complex numbers are vectors: x + iy in the arena, ahead + i left in a robot's frame.
+    motors, start = np.asarray(motors, float), np.array(start, float)
+    place, heading = start[:, 0] + 1j * start[:, 1], start[:, 2]
+    count, room = len(start), np.asarray(half) - robot.radius
     side = robot.base / 2 * np.array([1, -1])  # of the left and the right wheel
     inertia = robot.wheel_mass + robot.drag * timestep  # the drag counts at the end of a step
     step = 0.6 / (1 / robot.mass + side[0] ** 2 / robot.inertia + 1 / inertia)
-    velocity, turning, wheels = np.zeros((count, 2)), np.zeros(count), np.zeros((count, 2))
-    tyres = np.zeros((count, 2, 2))  # impulse of each tyre along the heading and to the left
+    velocity, turning, wheels = np.zeros(count, complex), np.zeros(count), np.zeros((count, 2))
+    tyres = np.zeros((count, 2), complex)  # impulse of each tyre in the robot's frame
     loads = robot.loads(np.zeros(count), np.zeros(count))
     poses, history = [], []
     for number in range(1, round(seconds / timestep) + 1):
-        ahead = np.stack([np.cos(pose[:, 2]), np.sin(pose[:, 2])], axis=1)
-        axes = np.stack([ahead, np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)], axis=1)
+        ahead = np.exp(1j * heading)
         driven = (robot.wheel_mass * wheels + robot.stall * motors * timestep) / inertia
-        towards, gap = np.sign(pose[:, :2]), room - np.abs(pose[:, :2])
-        limit = robot.friction * loads * timestep
+        towards, gap = np.sign(_parts(place)), room - np.abs(_parts(place))
+        limit, most = robot.friction * loads * timestep, gap / timestep
         for left in (4, 3, 2, 1, 0):  # begins from the last step's impulses
-            free = velocity + np.einsum("kij,kjd->kd", tyres, axes) / robot.mass
-            wall = -towards * robot.mass * np.maximum(towards * free - gap / timestep, 0)
-            moving = free + wall / robot.mass
-            spin = turning - tyres[:, :, 0] @ side / robot.inertia
-            rolling = driven - tyres[:, :, 0] / inertia
+            free = velocity + ahead * tyres.sum(axis=1) / robot.mass
+            pushed = -towards * np.maximum(towards * _parts(free) - most, 0)
+            moving = free + pushed.view(complex)[:, 0]
+            spin = turning - tyres.real @ side / robot.inertia
+            rolling = driven - tyres.real / inertia
             if not left:
                 break
-            seen = np.einsum("kd,kjd->kj", moving, axes)
-            slip = np.repeat(seen[:, None], 2, axis=1)
-            slip[:, :, 0] -= spin[:, None] * side + rolling
+            slip = (moving * ahead.conj())[:, None] - (spin[:, None] * side + rolling)
             tyres = tyres - step * slip
-            size = np.linalg.norm(tyres, axis=2)
-            tyres *= np.minimum(1, limit / np.maximum(size, 1e-30))[:, :, None]
+            tyres *= np.minimum(1, limit / np.maximum(np.abs(tyres), 1e-30))
         before, velocity, turning, wheels = velocity, moving, spin, rolling
-        pose = pose + timestep * np.column_stack([velocity, turning])
+        place, heading = place + timestep * velocity, heading + timestep * turning
         # The wall pushes above the floor, and the centre of mass resists above it.
-        pushes = np.einsum("kd,kjd->kj", wall, axes) * robot.push
-        resists = np.einsum("kd,kjd->kj", velocity - before, axes) * robot.mass * robot.centre
-        moments = (pushes - resists) / timestep * np.asarray(lean)[:, None]
-        loads += 0.05 * (robot.loads(*moments.T) - loads)  # within 2 ms
+        pushes = pushed.view(complex)[:, 0] * robot.mass * robot.push
+        resists = (velocity - before) * robot.mass * robot.centre
+        moments = (pushes - resists) * ahead.conj() / timestep * np.asarray(lean)
+        loads += 0.05 * (robot.loads(moments.real, moments.imag) - loads)  # within 2 ms
         if number % round(0.1 / timestep) == 0:
-            poses.append(pose)
+            poses.append(np.column_stack([place.real, place.imag, heading]))
             history.append(loads.copy())
     return np.stack(poses), np.stack(history)
+
+
+def _parts(vectors):
+    """Returns x and y of complex vectors, shape (K, 2)."""
+    return vectors.view(float).reshape(-1, 2)

@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -169,7 +168,7 @@ def test_the_finished_robots_of_an_agent_need_no_trust(held):
 
 
 def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_tables(
-    tmp_path, monkeypatch
+    tmp_path, monkeypatch, capsys, processes_that_have_imported
 ):
     [code] = re.findall(r"```python\n(.*?)```", GUIDE.read_text(), re.DOTALL)
     [shell] = re.findall(r"```sh\n(.*?)```", GUIDE.read_text(), re.DOTALL)
@@ -180,8 +179,7 @@ def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_ta
     assert check_agent("my_agent:table") == []
     sys.modules.pop("my_agent")
     for line in lines:
-        words = line.replace("musebot", f"{sys.executable} -m musebot", 1).split()
+        words = line.removeprefix("musebot ").split()
         words = [{"20": "4", "0.01": "0.001"}.get(word, word) for word in words]  # to be quick
-        done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        assert "my_agent:table" in done.stdout
+        assert cli.main(words) == 0
+        assert "my_agent:table" in capsys.readouterr().out

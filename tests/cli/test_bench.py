@@ -68,6 +68,7 @@ ROWS = {"lives": 16, "interfaces": 4, "backends": 1, "processes": 1}
 
 
 @pytest.mark.parametrize(("words", "rows"), [([], ROWS), (["--device", "cpu"], {"populations": 4})])
+@pytest.mark.usefixtures("processes_that_have_imported")
 def test_a_quick_run_keeps_every_number_that_it_prints(words, rows, tmp_path, capsys, monkeypatch):
     pytest.importorskip("mujoco_warp" if words else "gymnasium")
     monkeypatch.setattr("musebot.protocols.machine.cores", lambda: 2)

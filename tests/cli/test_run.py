@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -230,25 +229,6 @@ def test_a_bad_life_is_one_sentence_and_nothing_is_made(old, new, sentence, tmp_
     message = capsys.readouterr().err
     assert sentence in message and message.count("\n") == 1
     assert list(tmp_path.iterdir()) == [file]
-
-
-SCRIPT = """
-import musebot
-
-print("read")
-short = {"time_scale": 0.001, "body": "kinematic", "processes": 1}
-run = musebot.run("out", robots=2, life="wall_avoidance", proposer="fixed", **short)
-print(len(run.robots(run.conditions()[0])))
-"""
-
-
-@pytest.mark.slow
-def test_a_script_without_the_main_guard_simulates_once(tmp_path):
-    (tmp_path / "script.py").write_text(SCRIPT)
-    command = [sys.executable, "script.py"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout.split() == ["read", "2"], done.stderr
-    assert "100.0 %, 2 of 2 robots done" in done.stderr
 
 
 def test_a_script_that_is_also_its_agents_module_is_asked_for_the_guard(

@@ -16,10 +16,18 @@ from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import InputError
 
 TASK = "spot_finding_unit"
-ROLLOUT = ppo.ROBOTS * ppo.SETTINGS["n_steps"]
+SHORT = {"n_steps": 16, "batch_size": 64}
+ROLLOUT = ppo.ROBOTS * SHORT["n_steps"]
 needs_it = pytest.mark.skipif(
     importlib.util.find_spec("stable_baselines3") is None, reason="needs the extra `baselines`"
 )
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Short rollouts."""
+    monkeypatch.setattr(ppo, "SETTINGS", ppo.SETTINGS | SHORT)
+    monkeypatch.setattr(ppo, "_ROLLOUT", ROLLOUT)
 
 
 @needs_it
@@ -49,7 +57,7 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, in_process)
         for policies in numbers:
             page = conduct(PPOTraining(TASK, policies, steps=1, seed=5), tmp_path / out, here)
     assert "2 policies for the task `spot_finding_unit`" in page.markdown
-    assert "seeds 5 to 6, each for 4,096 control steps" in page.markdown
+    assert "seeds 5 to 6, each for 256 control steps" in page.markdown
     assert [job.path.name for job in here.jobs] == [f"000{n}.safetensors" for n in (0, 1, 0, 1)]
     path = tmp_path / "grown" / POLICIES_FILE
     assert path.read_bytes() == (tmp_path / "whole" / POLICIES_FILE).read_bytes()

@@ -194,7 +194,7 @@ def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, in_process
 
 # ---- Jobs ----
 
-EXPERIMENT = Experiment(body="kinematic", cohort_size=2, time_scale=0.0065)  # 62 s
+EXPERIMENT = Experiment(body="kinematic", backend="numba", cohort_size=2, time_scale=0.0065)  # 62 s
 STEPS = sum(EXPERIMENT.life_of("wall_avoidance").steps())
 
 

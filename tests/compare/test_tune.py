@@ -60,7 +60,7 @@ def module(monkeypatch):
 
 
 KEPT = Path(__file__).parents[2] / "docs" / "results" / "tuned"
-TINY = Tune(agent="mine:graded", trials=4, kept=2, robots=3, time_scale=0.004)
+TINY = Tune(agent="mine:graded", trials=4, kept=2, robots=3, time_scale=0.002)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +147,7 @@ def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path
     assert (tuning.study, tuning.folder) == (study, out) and () in tuning.tried
     assert len(tuning.tried) == 4
     assert study.effort == (
-        "4 settings, then the best 2; robots of a setting: 1, then 3, durations times 0.004"
+        "4 settings, then the best 2; robots of a setting: 1, then 3, durations times 0.002"
     )
     with pytest.raises(InputError, match="trust"):
         tuning.study.best(out)

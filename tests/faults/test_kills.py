@@ -26,7 +26,7 @@ from musebot.protocols.lives.runs import simulate
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. Checkpoints are saved more often than their users would.
 FORKS = """
-import contextlib, json, os, sys
+import contextlib, json, os, signal, sys
 from multiprocessing import get_context
 from musebot.protocols.cli import parser
 from musebot.protocols.compare import jobs, tune
@@ -40,6 +40,7 @@ local.multiprocessing.get_context = lambda method: get_context("fork")
 for line in sys.stdin:
     if (child := os.fork()) == 0:
         os.setsid()
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # one that is ignored would stay ignored
         os.dup2(2, 1)
         os._exit(parser.main(json.loads(line)))
     print(child, flush=True)
@@ -109,17 +110,19 @@ def commands(tmp_path_factory):
 
 
 TUNE = "--agent q_learner --robots 4 --trials 4 --kept 2 --time-scale 0.02 --processes 2"
+RUN = "run OUT --life wall_avoidance --robots 4 --set cohort_size=2 --processes 2 "
+RUN += "--save-every 0.05 --proposer"
+LONGER = f"{RUN} creative --time-scale 0.004"  # there is time to stop it
 LINES = {
-    "run": "run OUT --life wall_avoidance --proposer creative fixed --robots 4 --set cohort_size=2 "
-    "--time-scale 0.002 --processes 2 --save-every 0.05",
+    "run": f"{RUN} creative fixed --time-scale 0.002",
     "numba": "run OUT --life wall_avoidance --proposer creative fixed --robots 4 --body kinematic "
     "--set backend=numba cohort_size=2 --time-scale 0.02 --processes 2 --save-every 0.05",
     "tune": f"benchmark tune OUT {TUNE}",
 }
 
 
-def words(kind, out):
-    return LINES[kind].replace("OUT", str(out)).split()
+def words(line, out):
+    return line.replace("OUT", str(out)).split()
 
 
 def files(folder):
@@ -144,6 +147,26 @@ def held(out):
     return "checkpoints" if any("checkpoint" in n and "." in n for n in kept) else "nothing"
 
 
+@pytest.fixture(scope="module")
+def whole(commands, tmp_path_factory):
+    """The files of an undisturbed run."""
+    out = tmp_path_factory.mktemp("whole") / "out"
+    assert commands.run(words(LONGER, out)) == 0, commands.said()
+    return files(out)
+
+
+def begun(commands, folder):
+    """Starts a run, and waits for its first checkpoint; returns its session and its folder."""
+    commands.said()
+    session = commands.start(words(LONGER, out := folder / "out"))
+    deadline = time.monotonic() + 300
+    while not [*out.glob("checkpoints/*.safetensors")]:
+        os.kill(session, 0)  # ProcessLookupError: it has ended
+        assert time.monotonic() < deadline, "it makes nothing"
+        time.sleep(0.01)
+    return session, out
+
+
 def survived(commands, kind, folder, kills, wanted):
     """Kills a command at random moments until so many kills have hit it at work.
 
@@ -151,14 +174,14 @@ def survived(commands, kind, folder, kills, wanted):
     left too little, as on a busy machine, up to five times as many are tried.
     """
     began = time.monotonic()
-    assert commands.run(words(kind, folder / "whole")) == 0, commands.said()
+    assert commands.run(words(LINES[kind], folder / "whole")) == 0, commands.said()
     seconds = time.monotonic() - began
     undisturbed, moments = files(folder / "whole"), random.Random(kind)
     left = collections.Counter()
     while left.total() < kills or (left.total() < 5 * kills and not wanted <= {*left}):
         out, latest = folder / "out", seconds
         began, before = time.monotonic(), left.total()
-        while (status := commands.run(words(kind, out), moments.uniform(0, latest))) == -9:
+        while (status := commands.run(words(LINES[kind], out), moments.uniform(0, latest))) == -9:
             left[held(out)] += 1
             latest *= 1.25  # so that it ends however busy the machine is
         if left.total() == before:
@@ -182,21 +205,28 @@ def test_many_kills_at_random_moments_leave_the_undisturbed_bytes(kind, commands
     survived(commands, kind, tmp_path, 100, {"checkpoints", "finished jobs"})
 
 
+# Signals to stop
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGHUP])
+def test_a_run_that_is_stopped_resumes_to_the_same_bytes(how, commands, whole, tmp_path):
+    session, out = begun(commands, tmp_path)
+    os.killpg(session, how)
+    assert commands.ended(session, 300) == 130
+    assert "stopped; the same command continues from here" in commands.said()
+    assert not (out / "robots.csv").exists()
+    assert commands.run(words(LONGER, out)) == 0
+    assert files(out) == whole
+
+
 # One process of several
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs Linux's /proc")
 def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continues(
-    commands, tmp_path
+    commands, whole, tmp_path
 ):
-    assert commands.run(words("run", tmp_path / "whole")) == 0, commands.said()
-    commands.said()
-    session = commands.start(words("run", out := tmp_path / "out"))
-    deadline = time.monotonic() + 300
-    while not [*out.glob("checkpoints/*.safetensors")]:
-        os.kill(session, 0)  # ProcessLookupError: it has ended
-        assert time.monotonic() < deadline, "it makes nothing"
-        time.sleep(0.01)
+    session, out = begun(commands, tmp_path)
     workers = Path(f"/proc/{session}/task/{session}/children").read_text().split()
     os.kill(int(workers[0]), signal.SIGKILL)
     assert commands.ended(session, 300) == 1
@@ -206,8 +236,8 @@ def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continue
         "musebot: a process died, perhaps for want of memory; the same command continues from the "
         "last checkpoints"
     )
-    assert commands.run(words("run", out)) == 0
-    assert files(out) == files(tmp_path / "whole")
+    assert commands.run(words(LONGER, out)) == 0
+    assert files(out) == whole
 
 
 def test_a_deleted_working_directory_is_one_sentence(tmp_path):

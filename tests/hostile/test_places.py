@@ -131,14 +131,32 @@ def test_a_closed_stream_or_one_of_ascii_changes_no_status_and_no_result(run, mo
     assert out.read().isascii()
 
 
-def test_a_bare_machine_simulates_to_the_same_bytes_and_umask_is_obeyed(run, tmp_path):
+# Without the main guard.
+SCRIPT = """
+import musebot
+
+print("read")
+short = {"robots": 1, "time_scale": 0.001, "body": "kinematic", "processes": 1}
+run = musebot.run("bare", task="wall_avoidance", proposer="creative", **short)
+print(len(run.robots(run.conditions()[0])))
+"""
+
+
+def test_a_script_on_a_bare_machine_simulates_once_to_the_same_bytes_and_umask_is_obeyed(
+    run, tmp_path
+):
     bare = tmp_path / "bare"
-    command = [sys.executable, "-m", "musebot", "run", str(bare), *SHORT.split()]
+    (tmp_path / "script.py").write_text(SCRIPT)
     environment = {"TMPDIR": str(tmp_path / "nothing"), "LC_ALL": "C", "PYTHONHASHSEED": "7"}
     # The instructions that PyTorch computes with are the machine's, not the environment's.
-    environment |= {k: v for k, v in os.environ.items() if k == "ATEN_CPU_CAPABILITY"}
-    command += ["--processes", "1"]
-    subprocess.run(command, env=environment, cwd=tmp_path, umask=0o077, check=True)
+    kept = ("ATEN_CPU_CAPABILITY", "PYTHONPATH")  # the latter where a copy is tested
+    environment |= {name: os.environ[name] for name in kept if name in os.environ}
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        env=environment, cwd=tmp_path, umask=0o077, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stdout.split() == ["read", "1"], done.stderr
+    assert "100.0 %, 1 of 1 robots done" in done.stderr
     for name in ("robots.csv", "results.safetensors"):
         assert (bare / name).read_bytes() == (run / name).read_bytes()
         assert (bare / name).stat().st_mode & 0o077 == 0

@@ -76,7 +76,7 @@ def cut(make, stride):
 
 
 @pytest.mark.parametrize(
-    ("base", "steps", "atol"), [(SHORT, 250, 1e-4), (WARP, 100, 0.01)], ids=["kinematic", "warp"]
+    ("base", "steps", "atol"), [(SHORT, 150, 1e-4), (WARP, 50, 0.01)], ids=["kinematic", "warp"]
 )
 @pytest.mark.parametrize("task", ["spot_finding", "wall_avoidance"])
 def test_a_life_on_tensors_begins_as_on_the_host(task, base, steps, atol, tensors, monkeypatch):
@@ -101,7 +101,7 @@ def test_a_life_on_tensors_begins_as_on_the_host(task, base, steps, atol, tensor
 def test_cohorts_on_one_batch_live_as_alone_and_those_behind_catch_up(base, tensors):
     if base is WARP:
         pytest.importorskip("mujoco_warp")
-        base = dataclasses.replace(base, time_scale=0.0005)
+    base = dataclasses.replace(base, time_scale=0.0003)
     keys = [CohortKey(Condition("spot_finding", proposer), 0) for proposer in PROPOSERS]
     alone = [lived(Cohort(base, key)) for key in keys]
 
@@ -210,14 +210,15 @@ def direct(monkeypatch, *args, **changes):
         return captured_cohort(*args, **changes)
 
 
+SPOT = {"task": "spot_finding", "time_scale": 0.0003}
 CASES = {
     "paper": {"brain": PAPER},
     "recurrent": {"brain": BRAINS["recurrent"]},
     "held-noise": {"brain": Parameters(noise_steps=7)},
     "noise-for-life": {"brain": Parameters(noise_steps=0, test_epsilon=0.1)},
     "fixed": {"proposer": "fixed"},
-    "random": {"proposer": "random", "task": "spot_finding"},
-    "ideal": {"task": "spot_finding", "kinematics": Kinematics()},
+    "random": SPOT | {"proposer": "random"},
+    "ideal": SPOT | {"kinematics": Kinematics()},
     "walls": {"brain": STEADY, "task": "spot_finding_walls"},
     "warp": {"base": dataclasses.replace(WARP, time_scale=0.0005)},
 }

@@ -88,14 +88,6 @@ def kinds(tmp_path_factory):
         yield importlib.import_module("jobs_of_test_executors")
 
 
-@pytest.fixture
-def processes_that_have_imported(monkeypatch):
-    """Lets processes fork from one that has imported PyTorch, which takes seconds of each."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["musebot.protocols.lives.local"])
-    monkeypatch.setattr(local.multiprocessing, "get_context", lambda method: context)
-
-
 @pytest.fixture(params=["local", pytest.param("ray", marks=pytest.mark.slow)])
 def executor(request):
     """Makes an executor that runs so many jobs at a time."""
@@ -137,7 +129,7 @@ def test_jobs_start_in_their_order_and_each_is_handed_on_and_run_once(
 
 
 def test_a_signal_stops_the_jobs_and_keeps_what_is_done(executor, kinds, tmp_path):
-    how = signal.SIGTERM  # tests/lives/test_runs.py has the others
+    how = signal.SIGTERM  # tests/faults/test_kills.py has the others
     made = executor(2)  # Ray sets a handler of its own
     before = signal.getsignal(how)
     looks = {"quick": 0, "slow": FOREVER, "slow too": FOREVER, "never": 0}

@@ -6,6 +6,7 @@ import queue
 
 import numpy as np
 import pytest
+from helpers import files_below
 
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.protocols.compare.jobs import ArrayJob, lives
@@ -17,7 +18,7 @@ from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.jobs import CohortJob, execute, run_job
 from musebot.tasks.batch import CapacityError
 
-SHORT = Experiment(cohort_size=2, time_scale=0.001, body="kinematic")
+SHORT = Experiment(cohort_size=2, time_scale=0.0005, body="kinematic")
 KEYS = tuple(CohortKey(Condition("wall_avoidance", p), 0) for p in ("fixed", "creative"))
 LEARNER = Condition("spot_finding", "musebot:sarsa_lambda")
 
@@ -36,7 +37,7 @@ def evaluation(folder):
 
 def of(proposer, task="wall_avoidance", body="kinematic", **changes):
     """Returns a function that makes the job of a cohort in a folder."""
-    experiment = Experiment(cohort_size=2, time_scale=0.001, body=body, **changes)
+    experiment = Experiment(cohort_size=2, time_scale=0.0005, body=body, **changes)
     keys = (CohortKey(Condition(task, proposer), 1),)
     return lambda folder: cohort_job(folder, keys, experiment=experiment)
 
@@ -68,10 +69,6 @@ def never():
     return False
 
 
-def files(folder):
-    return {path.name: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-
-
 def run(job, stops=never):
     """Runs a job; returns whether it is done, the amounts it reported, and its messages."""
     reports = []
@@ -84,11 +81,12 @@ def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
     done, amounts, messages = run(whole)
     assert done and whole.done() and not messages
     assert amounts[0] == 0 and amounts[-1] == pytest.approx(whole.cost)
-    if isinstance(whole, CohortJob):  # simulated seconds of robots, 160 or 360 minutes times 0.001
-        seconds = 9.6 if whole.keys[0].condition.task == "wall_avoidance" else 21.6
+    if isinstance(whole, CohortJob):  # simulated seconds of robots, 160 or 360 minutes times 0.0005
+        seconds = 4.8 if whole.keys[0].condition.task == "wall_avoidance" else 10.8
         assert whole.cost == pytest.approx(2 * len(whole.keys) * seconds)
     assert amounts == sorted(amounts)
-    assert all(".finished" in name or name == whole.path.name for name in files(tmp_path / "whole"))
+    names = {path.name for path in files_below(tmp_path / "whole")}
+    assert all(".finished" in name or name == whole.path.name for name in names)
 
     reached = 0.0
     for looks in itertools.count(1):
@@ -100,16 +98,16 @@ def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
         if done:
             break
         assert not cut.done()
-    assert files(tmp_path / "cut") == files(tmp_path / "whole")
+    assert files_below(tmp_path / "cut") == files_below(tmp_path / "whole")
 
 
 def test_a_job_that_is_done_is_not_run_again_and_one_that_must_stop_does_not_begin(make, tmp_path):
     job = make(tmp_path)
-    before = files(tmp_path)
-    assert run(job, lambda: True) == (False, [], []) and files(tmp_path) == before
+    before = files_below(tmp_path)
+    assert run(job, lambda: True) == (False, [], []) and files_below(tmp_path) == before
     assert run(job)[0]
-    content = files(tmp_path)
-    assert run(job) == (True, [job.cost], []) and files(tmp_path) == content
+    content = files_below(tmp_path)
+    assert run(job) == (True, [job.cost], []) and files_below(tmp_path) == content
 
 
 def test_the_time_between_two_checkpoints_is_counted_from_the_last_one(tmp_path, monkeypatch):
@@ -117,8 +115,8 @@ def test_the_time_between_two_checkpoints_is_counted_from_the_last_one(tmp_path,
     monkeypatch.setattr(jobs, "save_checkpoint", lambda *_: saved.append(next(seconds)))
     monkeypatch.setattr(jobs, "_CHUNK", 1)
     monkeypatch.setattr(jobs.time, "monotonic", lambda: next(seconds))  # a second a look
-    assert run(cohort_job(tmp_path, save_every=20))[0]
-    assert len(saved) > 3 and {*np.diff(saved)} <= {21, 22, 23, 24}
+    assert run(cohort_job(tmp_path, save_every=10))[0]
+    assert len(saved) > 3 and {*np.diff(saved)} <= {11, 12, 13, 14}
 
 
 # Robots that are stopped, and simulations that cannot go on

@@ -16,11 +16,12 @@ from musebot.protocols.lives.plan import Plan
 from musebot.protocols.lives.runs import UnfinishedRun, simulate
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "fixed")
+SHORT = {"cohort_size": 2, "time_scale": 0.0065, "body": "kinematic", "backend": "numba"}
 TAGS = {WALLS: "contact", SPOT: "in_spot"}
 
 
 def plan(robots=2):
-    return Plan.of(Experiment(cohort_size=2, time_scale=0.0065, body="kinematic"), TAGS, robots)
+    return Plan.of(Experiment(**SHORT), TAGS, robots)
 
 
 def check_log(folder, run, robots=2):

@@ -106,7 +106,7 @@ def test_in_ten_minutes_a_spin_drifts_less_than_a_millimetre_and_nothing_moves_a
 
 
 def test_driving_into_walls_for_five_minutes_neither_tilts_nor_penetrates_them(size):
-    crash = Motion(random_motors(10, 3000), (-0.425, 0.25, 3 * np.pi / 4))
+    crash = Motion(random_motors(4, 3000), (-0.425, 0.25, 3 * np.pi / 4))
     assert crash.tilt < 5 and crash.deepest > -0.001
     assert np.abs(crash.poses[..., 0]).max() < size.half_length
     assert np.abs(crash.poses[..., 1]).max() < size.half_width

@@ -42,7 +42,7 @@ seen["before"] = os.environ.get("MUJOCO_GL"), "OpenGL" in sys.modules
 small = physics.render(64, 96, "overhead")
 seen["std"] = float(small.std())
 seen["twice"] = bool((physics.render(64, 96, "overhead") == small).all())
-seen["large"] = physics.render(1080, 1920, "overhead").shape
+seen["large"] = physics.render(720, 1280, "overhead").shape
 seen["after large"] = bool((physics.render(64, 96, "overhead") == small).all())
 
 
@@ -59,7 +59,7 @@ def sentence(**kwargs):
         return f"{type(error).__name__}: {error}"
 
 
-one, two = make(), make(width=1920, height=1080)
+one, two = make(), make(width=1280, height=720)
 image, large = one.render(), two.render()
 seen["gymnasium"] = image.shape, str(image.dtype), float(image.std()), large.shape
 own = one.unwrapped._environment.physics.render(320, 480, "overhead")
@@ -241,11 +241,11 @@ def test_pictures_depth_and_films_are_made_without_a_display(egl, tmp_path):
     seen = json.loads(done.stdout.splitlines()[-1])
     # dm_control renders twice, in any size; EGL is chosen by the first picture and not before.
     assert seen["std"] > 0 and seen["twice"]
-    assert seen["large"] == [1080, 1920, 3] and seen["after large"]
+    assert seen["large"] == [720, 1280, 3] and seen["after large"]
     assert seen["before"] == [None, False] and seen["after"] == ["egl", False]
     # Gymnasium renders the same picture, and environments leave each other's pictures alone.
     shape, dtype, std, large = seen["gymnasium"]
-    assert (shape, dtype, large) == ([320, 480, 3], "uint8", [1080, 1920, 3]) and std > 0
+    assert (shape, dtype, large) == ([320, 480, 3], "uint8", [720, 1280, 3]) and std > 0
     assert seen["both renderers"]
     assert seen["after close"] and seen["after deletion"] and seen["among others"]
     assert not done.stderr  # no warning, and nothing at exit, where four of them are still open

@@ -6,7 +6,6 @@ import itertools
 import os
 import resource
 import signal
-import subprocess
 import sys
 import tempfile
 from typing import Any
@@ -25,22 +24,14 @@ from musebot.protocols.storage import draft_name
 from musebot.tasks import make_batch
 
 
-def musebot(*words, folder):
-    """Runs the command in a process of its own, and returns what it printed."""
-    command = [sys.executable, "-m", "musebot", *map(str, words)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return done
-
-
 def test_film_is_h264_in_yuv420p_of_the_requested_length_and_something_moves(
-    egl, directory, tmp_path
+    egl, directory, tmp_path, capsys
 ):
     output = tmp_path / "film.mp4"
     options = "--task wall_avoidance --robot 1 --speed 2 --seconds 0.6 --phase pre"
-    done = musebot("film", directory, "--output", output, *options.split(), folder=tmp_path)
-    assert done.stdout.strip() == str(output)
-    assert "drawing with" in done.stderr
+    assert cli.main(["film", str(directory), "--output", str(output), *options.split()]) == 0
+    said = capsys.readouterr()
+    assert said.out.strip() == str(output) and "drawing with" in said.err
     assert os.listdir(tmp_path) == ["film.mp4"]
 
     reader: Any = imageio.get_reader(output)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -12,40 +10,29 @@ import pytest
 from musebot.models import Dimensions, half_size
 from musebot.models.edits import OBSTACLES
 from musebot.protocols.pages import scene
-from musebot.tasks.suite import TASKS
-
-DRAW = """
-import sys
-import numpy as np
 from musebot.protocols.pages.replay import Moment
-from musebot.protocols.pages.scene import Scene, Trail
+from musebot.protocols.pages.scene import Trail
 from musebot.tasks.suite import TASKS
-
-pose, trail = np.array([0.0, -0.2, 0.0]), Trail(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
-images = {}
-for task, row in TASKS.items():
-    scene = Scene(task)
-    for name, spot, signal, contact in (
-        ("plain", (-0.4, 0.2), 0.0, False),
-        ("spot", (0.4, 0.2), 0.0, False),
-        ("signal", (-0.4, 0.2), 0.9, False),
-        ("contact", (-0.4, 0.2), 0.0, True),
-    ):
-        signals = {name: np.full(n, signal) for name, (n, *_) in row.rules.shapes.items()}
-        shot = Moment(0.0, pose, np.array(spot), signals, np.zeros(2), contact, False, 0.0)
-        images[f"{task}/{name}"] = scene.draw(shot, trail).copy()
-    scene.close()
-np.savez(sys.argv[1], **images)
-"""
 
 
 @pytest.fixture(scope="module")
-def drawn(egl: None, tmp_path_factory: pytest.TempPathFactory) -> dict[str, np.ndarray]:
+def drawn(egl: None) -> dict[str, np.ndarray]:
     """Images of every task: a robot below the middle that faces right, and one thing changed."""
-    path = tmp_path_factory.mktemp("scene") / "drawn.npz"
-    subprocess.run([sys.executable, "-c", DRAW, str(path)], check=True)
-    with np.load(path) as images:
-        return {name: images[name].astype(int) for name in images}
+    pose, trail = np.array([0.0, -0.2, 0.0]), Trail(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
+    images = {}
+    for task, row in TASKS.items():
+        canvas = scene.Scene(task)
+        for name, spot, signal, contact in (
+            ("plain", (-0.4, 0.2), 0.0, False),
+            ("spot", (0.4, 0.2), 0.0, False),
+            ("signal", (-0.4, 0.2), 0.9, False),
+            ("contact", (-0.4, 0.2), 0.0, True),
+        ):
+            signals = {one: np.full(n, signal) for one, (n, *_) in row.rules.shapes.items()}
+            shot = Moment(0.0, pose, np.array(spot), signals, np.zeros(2), contact, False, 0.0)
+            images[f"{task}/{name}"] = canvas.draw(shot, trail).astype(int)
+        canvas.close()
+    return images
 
 
 def differ(first: np.ndarray, second: np.ndarray, x: float, y: float) -> bool:

@@ -23,7 +23,7 @@ import sys
 from pathlib import Path
 from musebot.protocols.pages.report import draw
 import matplotlib
-draw("architecture", Path(sys.argv[1]))
+draw("architecture", Path(sys.argv[1]), task="spot_finding")
 print(matplotlib.rcParams["font.size"])
 """
 
@@ -32,7 +32,7 @@ def test_a_figure_has_the_same_bytes_whatever_a_matplotlibrc_says(tmp_path):
     settings = "font.size: 20\ntext.usetex: True\naxes.facecolor: red\nsvg.fonttype: none\n"
     (tmp_path / "matplotlibrc").write_text(settings)
     ours, theirs = tmp_path / "ours.svg", tmp_path / "theirs.svg"
-    report.draw("architecture", ours)
+    report.draw("architecture", ours, task="spot_finding")
     command = [sys.executable, "-c", DRAW, str(theirs)]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.stdout.strip() == "20.0", done.stderr  # outside of our figures it holds

@@ -182,11 +182,11 @@ def copies(make, batch):
 
 def test_restored_robots_and_copies_continue_bit_exactly(make_any):
     batch = settled(make_any(3))
-    motors = scripted(60, 3)
-    for one in motors[:25]:
+    motors = scripted(40, 3)
+    for one in motors[:20]:
         drive(batch, one)
     twins = [*copies(make_any, batch)]
-    for one in motors[25:]:
+    for one in motors[20:]:
         for robots in (batch, *twins):
             drive(robots, one)
     for twin in twins:
@@ -346,7 +346,7 @@ def test_robots_on_tensors_do_what_the_numpy_robots_do_and_read_no_number(body, 
     numpy = settled(make_kinematic_batch(task, 20, BODIES[body]))
     host = settled(make_kinematic_batch(task, 20, BODIES[body]))
     ours, contacts = KinematicTensors(host), 0
-    for motors in scripted(120, 20).astype(np.float32):
+    for motors in scripted(80, 20).astype(np.float32):
         numpy.step(motors)
         ours.step(torch.from_numpy(motors))
         for mine, its in zip(seen(ours), seen(numpy), strict=True):

@@ -52,7 +52,7 @@ def turned(ours, theirs):
 @pytest.mark.parametrize("task", TASKS)
 def test_a_control_step_from_a_thousand_states_is_that_of_c_mujoco(task):
     """Robots that drive at random are at walls, in corners and at pillars."""
-    robots, moments = 250, (24, 49, 74, 99)
+    robots, moments = 125, range(12, 100, 12)
     ours, warp = pair(robots, task)
     touch = ours.rules.layout.touch
     rest, contacts = np.delete(np.arange(ours.sensordata.shape[1]), touch), 0
@@ -76,7 +76,7 @@ def test_a_control_step_from_a_thousand_states_is_that_of_c_mujoco(task):
     assert contacts > 100 and ours.valid.all() and warp.valid.all()
 
 
-def test_two_minutes_of_scripts_end_where_c_mujoco_ends():
+def test_a_minute_of_scripts_ends_where_c_mujoco_ends():
     """Circles, turns on the spot and drives along walls, at which rounding does not grow."""
     scripts = np.array([(0.3, 0.2), (0.25, -0.25), (-0.2, -0.3), (0.5, 0.4), (0.1, 0.12)])
     robots = len(scripts)
@@ -85,7 +85,7 @@ def test_two_minutes_of_scripts_end_where_c_mujoco_ends():
     for batch in (ours, warp):
         batch.place(np.arange(robots), middle)
     ours.set_state(warp.arrays())
-    for _ in range(1200):
+    for _ in range(600):
         ours.step(scripts)
         warp.step(scripts)
     moved = np.abs(warp.pose[:, :2] - ours.pose[:, :2]).max()
