@@ -32,7 +32,8 @@ class Informed(Wrapper):
         """
         wrong = {name: (offset, gain) for name, offset, gain in world.sensors}
         names = [name for kind, length in shapes.items() for name in sensor_names(kind, length)]
-        self._offset, self._gain = np.float32([wrong.get(name, (0, 1)) for name in names]).T
+        pairs = np.array([wrong.get(name, (0.0, 1.0)) for name in names], dtype=np.float32)
+        self._offset, self._gain = pairs.T
         # Where driving is rewarded, it drives about, as a robot without a nose does.
         self._first = shapes.get("nose", 0) if world.rewarded == "driving" else 0
         backwards = -1 if math.cos(math.radians(world.nose)) < 0 else 1
