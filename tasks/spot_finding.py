@@ -110,6 +110,9 @@ class SpotOrDrivingRules(SpotAmongWallsRules):
 
     driving: DrivingRules
 
+    # The reward is not always that of a smell which saturates.
+    maximal: ClassVar = {"nose": Nose.odour}
+
     @classmethod
     def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
         """Returns the rules for a compiled arena whose robot senses its velocity."""
