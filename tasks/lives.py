@@ -222,6 +222,8 @@ class Life(Checked):
     @property
     def event(self) -> str:
         """The measured event, in words."""
+        if any(world.rewarded != "task" for world in self.worlds):
+            return "at the goal"
         return "in the spot" if self.wanted else "in contact"
 
 
