@@ -22,7 +22,9 @@ def test_every_task_describes_its_signals_and_its_reward():
         environment = musebot.load("arena", task)
         specs = environment.observation_spec().items()
         signals = [signal(name, spec) for name, spec in specs for _ in range(*spec.shape)]
-        reward = signal("nose" if "spot" in task else "", environment.reward_spec())
+        # Where driving may be rewarded, too, the reward does not saturate.
+        smells = "spot" in task and "driving" not in task
+        reward = signal("nose" if smells else "", environment.reward_spec())
         assert senses_of(task) == Senses(tuple(signals), reward)
     with pytest.raises(ValueError, match="task"):
         senses_of("swimming")

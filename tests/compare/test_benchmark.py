@@ -16,7 +16,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.lives.experiment import Experiment
 from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
-TINY = {"robots": 2, "time_scale": 0.002, "life": ("body",)}
+TINY = {"robots": 2, "time_scale": 0.0005, "life": ("body",)}
 
 
 @pytest.fixture(autouse=True)
@@ -99,13 +99,14 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
 
 
 def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
-    monkeypatch.setattr(bounds, "ROBOTS", 10)
-    experiment = Experiment(body="kinematic", time_scale=0.15)  # three minutes
+    monkeypatch.setattr(bounds, "ROBOTS", 20)
+    monkeypatch.setattr(bounds, "MINUTES", 1)
+    experiment = Experiment(body="kinematic")
     for life in CHANGING:
         monkeypatch.setattr(bounds, "MOST", 2)  # of the drift the first and the opposite one
         shares = bounds.measure(experiment, life.name, lambda done: None)["shares"]
         found = bounds.Matrix(bounds.tried_worlds(life), shares)
-        assert (found.informed > 0.8).all(), life.name
+        assert (found.informed > 0.5).all(), life.name
         assert found.best_fixed < 0.55 and (shares[-2:] < 0.35).all(), life.name
 
 

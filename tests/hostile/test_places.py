@@ -137,7 +137,7 @@ import musebot
 
 print("read")
 short = {"robots": 1, "time_scale": 0.001, "body": "kinematic", "processes": 1}
-run = musebot.run("bare", task="wall_avoidance", proposer="creative", **short)
+run = musebot.run("bare", life="wall_avoidance", proposer="creative", **short)
 print(len(run.robots(run.conditions()[0])))
 """
 
