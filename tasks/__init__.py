@@ -1,8 +1,8 @@
 """The robot's tasks: sensors, rewards and starts, as dm_control environments and as batches."""
 
 from .. import models as models  # first: it refuses a deleted working directory
-from .arena import CONTROL_TIMESTEP
 from .batch import Batch, Robots, stop_timers
+from .episode import CONTROL_TIMESTEP
 from .kinematic import KinematicBatch, make_kinematic_batch
 from .suite import (
     ALL_TASKS,

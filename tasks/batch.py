@@ -20,8 +20,7 @@ import numpy as np
 from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
-from .arena import CONTROL_TIMESTEP
-from .episode import OneThread, real_numbers, whole_number
+from .episode import CONTROL_TIMESTEP, OneThread, real_numbers, whole_number
 from .rules import Rules
 from .world import World
 

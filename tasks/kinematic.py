@@ -9,8 +9,9 @@ import numpy as np
 
 from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
 from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
-from .arena import CONTROL_TIMESTEP, Edit
+from .arena import Edit
 from .batch import Robots
+from .episode import CONTROL_TIMESTEP
 from .rules import Rules, SensorLayout
 from .sensors import NoseForm
 from .suite import task_definition

@@ -9,7 +9,7 @@ import musebot
 from musebot.models import arena
 from musebot.protocols.cli.film import Film
 from musebot.protocols.cli.parser import parsed
-from musebot.tasks.arena import CONTROL_TIMESTEP
+from musebot.tasks.episode import CONTROL_TIMESTEP
 from musebot.tasks.suite import SUITE, TASKS
 
 PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"

@@ -12,7 +12,8 @@ from tables import first_line, table
 import musebot
 from musebot.models.edits import OBSTACLES, add_obstacles
 from musebot.protocols.cli.listing import NAMES
-from musebot.tasks.arena import CONTROL_TIMESTEP, SUITE, TaskDefinition
+from musebot.tasks.arena import SUITE, TaskDefinition
+from musebot.tasks.episode import CONTROL_TIMESTEP
 from musebot.tasks.suite import BENCHMARKING, PAPER, TASKS
 
 SMELL = (

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...controller.senses import Senses
-from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import Life, control_steps, place
 from ...tasks.suite import task_definition
 from ..agents.base import Agent

@@ -9,8 +9,8 @@ import numpy as np
 from ... import kernels
 from ...controller import Neurocontroller
 from ...controller.compiled import CompiledNeurocontroller
-from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
+from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules

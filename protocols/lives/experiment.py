@@ -12,8 +12,8 @@ from ...controller.parameters import Parameters
 from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
-from ...tasks.arena import CONTROL_TIMESTEP
 from ...tasks.batch import Robots
+from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.lives import LIVES, Life, life_from, life_named
 from ...tasks.sensors import NoseForm

@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
-from ...tasks.arena import CONTROL_TIMESTEP
+from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import STAGES, Life
 from ..agents.senses import senses_of
 from ..errors import InputError

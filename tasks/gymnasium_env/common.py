@@ -11,8 +11,8 @@ import mujoco
 import numpy as np
 
 from ...gymnasium_registration import GYMNASIUM_TASKS
-from ..arena import CONTROL_TIMESTEP, TaskDefinition
-from ..episode import Episode, check_keywords, whole_number
+from ..arena import TaskDefinition
+from ..episode import CONTROL_TIMESTEP, Episode, check_keywords, whole_number
 from ..lives import LIVES
 from ..rules import Rules
 from ..suite import LIFE_DOMAIN, TASKS, life_definition, task_definition
