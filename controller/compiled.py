@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 try:
-    from .. import kernels
+    from .. import compiled_equations as equations
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(
         f"{error.name} is not installed; pip install 'musebot[numba]' gets it", name=error.name
@@ -99,13 +99,13 @@ class CompiledNeurocontroller(Neurocontroller):
         return patterns, actions, exploring
 
     def select(self, state: Tensor, explore: bool) -> Tensor:
-        kernels.act_all(self.nets, self.neurons, state.numpy(), self.draw(1, explore), self.now)
+        equations.act_all(self.nets, self.neurons, state.numpy(), self.draw(1, explore), self.now)
         return self._current.action.clone()
 
     def update(self, reward: Tensor) -> Tensor:
         error = torch.empty_like(reward)
         both = self._steps[self._swapped], self.now
-        kernels.learn_all(self.nets, self.neurons, reward.numpy(), *both, error.numpy())
+        equations.learn_all(self.nets, self.neurons, reward.numpy(), *both, error.numpy())
         return error
 
 

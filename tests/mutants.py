@@ -36,7 +36,7 @@ LIBRARIES = (
 
 # The modules of each area.
 AREAS = {
-    "controller": "controller/*.py fields.py kernels.py",
+    "controller": "controller/*.py fields.py compiled_equations.py",
     "tasks": "models/*.py tasks/*.py tasks/*/*.py",
     "lives": "protocols/*.py protocols/examples/*.py protocols/lives/*.py",
     "agents": "protocols/agents/*.py protocols/agents/learners/*.py",

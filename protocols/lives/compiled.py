@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ... import kernels
+from ... import compiled_equations as equations
 from ...controller import Neurocontroller
 from ...controller.compiled import CompiledNeurocontroller
 from ...tasks.batch import Robots
@@ -36,7 +36,7 @@ class CompiledLife:
         while steps:
             begun = brain.begin_steps(min(steps, 1 + _BLOCK // len(counts)), learning)
             draws = brain.draw(begun, learning)
-            kernels.simulate(self._world, self._robots, parts, draws, learning, counts)
+            equations.simulate(self._world, self._robots, parts, draws, learning, counts)
             steps -= begun
 
 
@@ -56,12 +56,12 @@ def compilable(batch: KinematicBatch) -> bool:
         and how.wall in ("holds", "refuses")
         and not how.lag
         and not how.any_contact
-        and places == (kernels.DISTANCES, kernels.TOUCH, kernels.SMELL)
+        and places == (equations.DISTANCES, equations.TOUCH, equations.SMELL)
     )
 
 
 def world_of(batch: KinematicBatch) -> Any:
-    """Returns what the kernels read of a batch, see `kernels.simulate`."""
+    """Returns what the compiled loop reads of a batch, see `equations.simulate`."""
     rules, size, how = batch.rules, batch.dimensions, batch.kinematics
     room = size.half_length - size.radius, size.half_width - size.radius
     speed = 2 * size.motor_speed  # [m/s] for a motor value of 1

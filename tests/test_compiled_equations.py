@@ -11,7 +11,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from musebot import kernels
+from musebot import compiled_equations as equations
 from musebot.controller import BRAINS, Neurocontroller, Parameters
 from musebot.controller.compiled import CompiledNeurocontroller
 from musebot.controller.networks import load_into
@@ -39,7 +39,7 @@ LONG = Experiment(backend="numba", cohort_size=3, time_scale=0.005, **READINGS["
 @given(st.floats(-1e6, 1e6, width=32))
 def test_the_logistic_function_is_exact_to_3e_7(x):
     wanted = 1 / (1 + np.exp(-np.clip(x, -700, 700)))
-    assert kernels.logistic(np.float32(x)) == pytest.approx(wanted, abs=3e-7)
+    assert equations.logistic(np.float32(x)) == pytest.approx(wanted, abs=3e-7)
 
 
 @pytest.mark.parametrize("sensors", [1, 5])
@@ -110,12 +110,12 @@ def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
         states, rewards = batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata)
         events = batch.rules.event(batch.sensordata)
         for robot, (pose, (left, right)) in enumerate(zip(before, motors, strict=True)):
-            touch = float(kernels.move(size, numbers, pose, left, right))
+            touch = float(equations.move(size, numbers, pose, left, right))
             np.testing.assert_allclose(pose, batch.pose[robot], rtol=0, atol=1e-12)
             sensors = np.zeros(batch.sensordata.shape[1])
-            kernels.measure(size, pose, batch.spot[robot], touch, sensors)
+            equations.measure(size, pose, batch.spot[robot], touch, sensors)
             np.testing.assert_allclose(sensors, batch.sensordata[robot], rtol=1e-9, atol=1e-9)
-            reward, event = kernels.sense(rules, sensors, state)
+            reward, event = equations.sense(rules, sensors, state)
             np.testing.assert_allclose(state, states[robot], rtol=1e-6, atol=1e-7)
             assert reward == pytest.approx(rewards[robot], abs=1e-9) and event == events[robot]
 
