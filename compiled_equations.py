@@ -1,8 +1,9 @@
 """The paper's brain in the kinematic simulator, compiled by Numba, robot by robot.
 
-The one file that defines equations a second time, for speed. `tests/test_compiled_equations.py` holds it to
-the first definitions, in `controller`, `models.kinematic` and `tasks.sensors`, which have the
-reasons. It imports no module of ours: Numba keeps compiled code while this file is the same.
+The one file that defines equations a second time, for speed. `tests/test_compiled_equations.py`
+holds it to the first definitions, in `controller`, `models.kinematic` and `tasks.sensors`, which
+have the reasons. It imports no module of ours: Numba keeps compiled code while this file is the
+same.
 """
 
 from __future__ import annotations

@@ -32,6 +32,7 @@ Unmeasured = Literal["genius", "ignorant"]
 
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 LIFE_NAME = re.compile("[a-z][a-z0-9_]{0,39}(@[1-9][0-9]{0,3})?")
+_MOST_LEGS = 100_000
 _LONGEST = 1e6  # minutes of a phase: two years
 _NUMBERS = {"robot": 3, "spot": 2}  # of a place
 
@@ -58,7 +59,9 @@ class Phase(Checked):
     learning: bool = flag(True)
     robot: tuple[float, float, float] | Literal["random"] | None = None
     spot: tuple[float, float] | Literal["random"] | None = None
-    every_minutes: float | None = number(None, 0, _LONGEST, "(]", unit="minutes")
+    every_minutes: float | None = number(
+        None, 0, _LONGEST, "(]", unit="minutes", reason="rounded to control steps, at least one"
+    )
     world: World = World()
 
     def __post_init__(self) -> None:
@@ -125,7 +128,7 @@ class Life(Checked):
 
     name: str = text("", LIFE_NAME.pattern, "lower case letters, digits and underscores")
     title: str = text("", "[^\n]{1,60}", "1 to 60 characters in one line")
-    task: str = text("", LIFE_NAME.pattern, "the name of a task")
+    task: str = text("", "[a-z][a-z0-9_]{0,39}", "the name of a task")
     phases: tuple[Phase, ...] = ()
     wanted: bool = flag(True)
     unmeasured: Unmeasured = choice("ignorant", Unmeasured)
@@ -136,6 +139,9 @@ class Life(Checked):
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
             raise ValueError(f"phases must be some, in the order of their stages: {STAGES}")
+        periods = sum(p.minutes / p.every_minutes for p in self.phases if p.every_minutes)
+        if periods > _MOST_LEGS:
+            raise ValueError(f"places must be drawn at most {_MOST_LEGS} times, got {periods:.3g}")
 
     def check(self, rules: Rules, dimensions: Dimensions) -> None:
         """Raises ValueError for an impossible place, or a world that the robot cannot live in.
@@ -168,7 +174,7 @@ class Life(Checked):
         IndexError where there is no such phase.
         """
         phase = self.phases[number - 1]
-        name, title = f"{self.name}@{number}", f"{self.title}, newborn of phase {number}"
+        name, title = f"{self.name}@{number}", f"{self.title[:36]}, newborn of phase {number}"
         return dataclasses.replace(self, name=name, title=title, phases=(phase,))
 
     @property

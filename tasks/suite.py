@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Unpack
@@ -12,7 +13,7 @@ from dm_control import suite as dm_suite
 from . import spot_finding, wall_avoidance
 from .arena import SHELL, SUITE, Edit, Environment, Settings, TaskDefinition
 from .batch import Batch
-from .lives import LIVES, Life
+from .lives import LIVES, Life, life_named
 from .sensors import NoseForm
 
 DOMAIN = "arena"
@@ -72,7 +73,10 @@ def life_definition(life: Any) -> TaskDefinition:
 
     Raises ValueError where there is none.
     """
-    found = LIVES.get(life) if isinstance(life, str) else life
+    found = life
+    if isinstance(life, str):
+        with contextlib.suppress(KeyError):
+            found = life_named(life)
     if not isinstance(found, Life):
         raise ValueError(f"life must be one of {sorted(LIVES)} or a Life, got {life!r:.60}")
     return task_definition(found.task).of_life(found)

@@ -14,7 +14,7 @@ from .rules import RANGEFINDERS, Rules
 Rewarded = Literal["task", "driving"]
 SENSORS = ("nose", *RANGEFINDERS, "contact")
 _UNCHANGED = (1.0, 0.0, 0.0, 1.0)
-_DRIVING = 0.5  # least speed ahead of a robot that drives, as a share of the top speed
+_DRIVES = 0.5  # least speed ahead of a robot that drives, as a share of the top speed
 
 
 @dataclasses.dataclass(frozen=True)
@@ -132,7 +132,7 @@ class WorldRules(Rules):
     def event(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns whether what the world rewards is reached, shape (...)."""
         if self.world.rewarded == "driving":
-            return self._driving(sensordata) >= _DRIVING
+            return self._driving(sensordata) >= _DRIVES
         return self.task.event(self._turned(sensordata))
 
     def _driving(self, sensordata: np.ndarray) -> np.ndarray:

@@ -15,8 +15,8 @@ from .hand_coded import HandCoded
 class Informed(Wrapper):
     """The hand-coded robot, told which world it lives in; it learns nothing.
 
-    In its world it is about as good as the hand-coded robot in the default world. In another one it
-    is a fixed policy.
+    In its world it is about as good as the hand-coded robot in the default world, if the wiring can
+    be inverted and the nose is at the front or the back. In another one it is a fixed policy.
     """
 
     def __init__(self, world: World, shapes: dict[str, int], senses: Senses) -> None:
@@ -36,7 +36,8 @@ class Informed(Wrapper):
         self._offset, self._gain = pairs.T
         # Where driving is rewarded, it drives about, as a robot without a nose does.
         self._first = shapes.get("nose", 0) if world.rewarded == "driving" else 0
-        backwards = -1 if math.cos(math.radians(world.nose)) < 0 else 1
+        behind = math.cos(math.radians(world.nose)) < 0
+        backwards = -1 if behind and world.rewarded == "task" else 1
         self._wheels = backwards * np.linalg.pinv(np.reshape(world.wheels, (2, 2)))
         super().__init__(HandCoded(Senses(senses.state[self._first :], senses.reward)))
 

@@ -145,7 +145,7 @@ def minutes_of_phases(life: Life) -> list[np.ndarray]:
     A phase of a rehearsal that has none has the minute in which its own middle is.
     """
     minute, ends = control_steps(1), np.cumsum(life.steps())
-    middles = np.cumsum(life.steps_of_minutes()) - minute / 2
+    middles = np.cumsum(life.steps_of_minutes()) - life.steps_of_minutes() / 2
     phases = np.searchsorted(ends, middles, side="right")
     found = []
     for number, (end, steps) in enumerate(zip(ends, life.steps(), strict=True)):
@@ -164,9 +164,9 @@ def _recovery(scores: np.ndarray) -> np.ndarray:
     return np.where(recovered.any(axis=1), 1.0 + recovered.argmax(axis=1), minutes)
 
 
-def adaptation_of(run: Run, condition: Condition, bounds: Bounds) -> Adaptation:
-    """Returns how all robots of a condition adapted; one that was stopped reaches nothing."""
+def shares_of(run: Run, condition: Condition) -> np.ndarray:
+    """Returns each robot's share of each minute at the goal, (n, M); a stopped robot has 0."""
     results = run.results[condition]
     shares = results.curves.astype(float)
     shares[[not robot.valid for robot in results.robots]] = 0
-    return Adaptation.of(shares, run.experiment.life_of(condition.task), bounds)
+    return shares

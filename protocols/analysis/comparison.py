@@ -53,17 +53,19 @@ class Cell:
 
 def _shared_conditions(ours: Run, other: Run) -> list[Condition]:
     """Returns the conditions that both runs have; raises InputError, see `compare_runs`."""
-    for what, name in (("time scales", "time_scale"),):
-        first, second = (getattr(run.experiment, name) for run in (ours, other))
-        if first != second:
-            raise InputError(
-                f"{ours.name} and {other.name} cannot be compared: "
-                f"their {what} are {first} and {second}"
-            )
+    first, second = (run.experiment.time_scale for run in (ours, other))
+    if first != second:
+        raise InputError(
+            f"{ours.name} and {other.name} cannot be compared: "
+            f"their time scales are {first} and {second}"
+        )
     theirs = other.conditions()
     both = [condition for condition in ours.conditions() if condition in theirs]
     if not both:
         raise InputError(f"{ours.name} and {other.name} have no task and proposer in common")
+    for task in {condition.task for condition in both}:
+        if ours.experiment.life_of(task) != other.experiment.life_of(task):
+            raise InputError(f"{ours.name} and {other.name} have two lives of the name {task}")
     return both
 
 

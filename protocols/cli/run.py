@@ -177,7 +177,7 @@ class Run:
         names = []
         for word in self.life:
             if word.endswith(".toml"):
-                if "life" in values:
+                if values.get("life") is not None:
                     raise InputError(f"a run has one life of one's own, got {word} too")
                 values["life"] = read_life(Path(word))
                 word = values["life"].name

@@ -16,7 +16,7 @@ from ...models import Kinematics
 from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
 from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
-from ..analysis.adaptation import Bounds, adaptation_of
+from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, nearest
 from ..lives.conditions import Condition
 from ..lives.config import with_overrides
@@ -163,14 +163,18 @@ def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
     """Returns the learners of a run: one for each proposer or agent."""
     rows = []
     for proposer in run.proposers(life.name):
-        old = adaptation_of(run, Condition(life.name, proposer), bounds)
+        curves = shares_of(run, Condition(life.name, proposer))
+        old = Adaptation.of(curves, life, bounds)
         # In the first phase all are newborns.
         controls = [old] + [
-            adaptation_of(run, Condition(name, proposer), bounds.of_world(number))
+            Adaptation.of(
+                shares_of(run, Condition(name, proposer)),
+                run.experiment.life_of(name),
+                bounds.of_world(number),
+            )
             for number, name in enumerate(newborn_lives(life), 1)
         ]
         newborns = np.array([one.recovery[:, 0].mean() for one in controls])
-        curves = run.results[Condition(life.name, proposer)].curves
         rows.append(Row(_name(run.experiment, proposer), curves, old, newborns))
     return rows
 

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 _ABOUT = (
     "Score: share of time in which a robot reaches what its world rewards, scaled in each phase so "
-    "that an untrained robot has 0 and a policy made for the world 1, and averaged over the whole "
+    "that an untrained robot has 0 and a policy made for the world (in a drift: for one of twelve "
+    "worlds) 1, and averaged over the whole "
     "life. Brackets: 95 % intervals. Bold: the best learner of a life, and all that do not differ "
     f"significantly from it (p at least {ALPHA}, permutation tests of means, Holm over the "
     "learners)."

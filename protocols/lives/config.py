@@ -19,7 +19,7 @@ from ...controller.parameters import Parameters
 from ...fields import shown
 from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
-from ...tasks.suite import task_definition
+from ...tasks.suite import TASKS, task_definition
 from ..errors import InputError, nearest, similar
 from ..storage import parsed, read_whole
 from .experiment import Experiment
@@ -192,8 +192,8 @@ def _own_life(fields: Any) -> Life:
     """Returns the life with some fields; raises InputError where it is a wrong one."""
     try:
         life = life_from(fields)
-        if life.name in LIVES:
-            raise ValueError(f"there is a life {life.name} already")
+        if life.name in LIVES or life.name in TASKS:
+            raise ValueError(f"there is a life or task {life.name} already")
         model = task_definition(life.task).spec().compile()
         life.check(task_definition(life.task).rules.of(model), Dimensions.of(model))
     except (ValueError, TypeError, RecursionError) as error:

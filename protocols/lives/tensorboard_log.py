@@ -38,11 +38,8 @@ class TensorBoardLog:
         self._updated = time.monotonic()
         try:
             for condition, first in self._written.items():
-                tag = (
-                    "in_spot"
-                    if self._run.plan.experiment.life_of(condition.task).wanted
-                    else "contact"
-                )
+                event = self._run.plan.experiment.life_of(condition.task).event
+                tag = {"in contact": "contact", "in the spot": "in_spot"}.get(event, "at_goal")
                 shares = self._run.curve(condition)[first:]
                 for minute, share in enumerate(shares, first + 1):
                     self._writer(condition).add_scalar(tag, share, minute)

@@ -15,6 +15,7 @@ from ... import tasks
 from ...models.rendering import DRAWS_NOTHING, no_window
 from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
+from ...tasks.world import World
 from ..agents.names import short_name
 from ..errors import InputError
 from ..lives.experiment import Experiment
@@ -53,6 +54,8 @@ class Driver:
                 raise InputError(
                     f"the window shows a robot with the default {name}, got a run with {value}"
                 )
+        if experiment.life_of(condition.task).worlds != (World(),):
+            raise InputError(f"the window shows no world that changes, as in {condition.task}")
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         return cls(
             name, sensing(robot.act), experiment.nose, experiment.life_of(condition.task).task

@@ -104,3 +104,11 @@ def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> d
         raise ValueError(f"camera must be one of {cameras}, got {camera!r}")
     size = {"height": whole_number("height", height, 1), "width": whole_number("width", width, 1)}
     return {**size, "camera_id": camera}
+
+
+def final_info(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:
+    """Returns Gymnasium's dictionary of the last observations of the episodes that ended."""
+    final = np.full(len(observations), None, dtype=object)
+    for robot in np.flatnonzero(mask):
+        final[robot] = observations[robot]
+    return {"final_obs": final, "_final_obs": mask, "final_info": info, "_final_info": mask.copy()}

@@ -37,6 +37,7 @@ from .common import (
     PICTURE,
     check_render_mode,
     checked_task,
+    final_info,
     life_info,
     picture_of,
     spaces,
@@ -126,6 +127,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._picture = picture_of(self._batch.model, **picture)
         self._painter: Physics | None = None
         self._lifecycle = Lifecycle()
+        self._first_spots = self._batch.spot  # of the model
         self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
         streams = [seeding.np_random() for _ in range(num_envs)]
         self._randoms, self._seeds = map(list, zip(*streams, strict=True))
@@ -232,7 +234,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._over = self._steps >= self._episode.steps
         truncations, observations, info = self._over.copy(), self._states(), {}
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
-            info = _final(observations, self._over.copy(), self._info(self._over))
+            info = final_info(observations, self._over.copy(), self._info(self._over))
             self._begin(np.flatnonzero(self._over), self._episode.start)
             self._over[:] = False
             observations = self._states()
@@ -368,8 +370,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Returns the robots that a reset starts, shape (B,)."""
         if mask is None:
             return np.ones(self.num_envs, dtype=bool)
-        if self._episode.life:
-            raise ValueError("robots of a life begin together: reset takes no reset_mask")
         kind = isinstance(mask, np.ndarray) and mask.dtype == bool
         if not kind or mask.shape != (self.num_envs,) or not mask.any():
             raise ValueError(
@@ -380,12 +380,17 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             raise ValueError(
                 f"reset_mask must be True for all robots before an episode is under way, got {mask}"
             )
+        if self._episode.life and not mask.all():
+            raise ValueError(
+                f"robots of a life begin together: all must be in reset_mask, got {mask}"
+            )
         return mask.copy()
 
     def _begin(self, robots: np.ndarray, start: Start) -> None:
         """Starts an episode of some robots, with starts drawn from their own streams."""
         self._batch.valid[robots] = True  # a robot that was stopped starts again
         if leg := self._episode.leg_from(0):
+            self._batch.place_spot(robots, self._first_spots[robots])
             self._enter(leg, robots)
             if leg.phase.robot is None:
                 self._batch.place(robots, np.zeros((len(robots), 3)))
@@ -440,11 +445,3 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         if robots is not None:
             entries = {name: (entry.T * robots).T for name, entry in entries.items()}
         return entries | {f"_{name}": mask for name in entries}
-
-
-def _final(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:
-    """Returns Gymnasium's dictionary of the last observations of the episodes that ended."""
-    final = np.full(len(observations), None, dtype=object)
-    for robot in np.flatnonzero(mask):
-        final[robot] = observations[robot]
-    return {"final_obs": final, "_final_obs": mask, "final_info": info, "_final_info": mask.copy()}

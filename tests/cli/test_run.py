@@ -209,7 +209,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
-        ('"swap"', '"body"', "there is a life body already"),
+        ('"swap"', '"body"', "there is a life or task body already"),
         ('"swap"', '"swap@2"', "a name with @ is that of a newborn's life, got 'swap@2'"),
         ('"spot_finding"', '"spot_findin"', "task must be one of ['spot_finding', "),
         ('"spot_finding"', '"wall_avoidance"', "the robot of WallAvoidanceRules has no "),
