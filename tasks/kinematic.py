@@ -71,15 +71,15 @@ class KinematicBatch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
-        before = self._poses.copy()
-        self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
+        poses, self._wheels[:], self._touch[:] = after_control_step(
             self._poses, self._wheels, motors, self.kinematics, self.dimensions
         )
+        if self._velocity is not None:
+            ahead = moved_ahead(self._poses, poses) / CONTROL_TIMESTEP
+            self.sensordata[:, self._velocity.start] = ahead
+        self._poses[:] = poses
         world = self._poses, self._spots, self._touch
         measure(self.sensordata, self.rules.layout, world, self.dimensions)
-        if self._velocity is not None:
-            ahead = moved_ahead(before, self._poses) / CONTROL_TIMESTEP
-            self.sensordata[:, self._velocity.start] = ahead
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -151,8 +151,7 @@ def make_kinematic_batch(
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
     The arguments are those of `make_batch`, but the task must have the paper's robot and arena: no
-    pillars, no second nose. Of an edited model, the simulator reads its
-    `Dimensions`.
+    pillars, no second nose. Of an edited model, the simulator reads its `Dimensions`.
 
     Raises ValueError for another task or a value out of range.
     """
