@@ -12,7 +12,6 @@ from .options import argument, executor, option
 
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
-_TASKS = ("wall_avoidance", "spot_finding")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate"
@@ -78,8 +77,8 @@ class Tune(_Conducted):
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
     of each trial are simulated; then the best trials are simulated again, with all robots and on a
-    fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
-    in the test after training, and during training.
+    fresh seed. A robot's value is its share of time at the goal while it learns; in a life with
+    tests the mean of this and the share in the test after training.
     """
 
     study = "tune", "Tune"
@@ -89,7 +88,7 @@ class Tune(_Conducted):
         dataclasses.MISSING, "name of the agent, or package.module:factory", "AGENT"
     )
     signals: str = option("paper", f"{_RAW} (paper)", choices=_SIGNALS)
-    task: str = option("spot_finding", "task of all robots (spot_finding)", choices=_TASKS)
+    life: str = option("spot_finding", "life of all robots (spot_finding)", "LIFE")
     trials: int = option(16, "number of settings that are tried (16)", "N")
     kept: int = option(4, "number of settings that are simulated again (4)", "N")
     robots: int = option(20, "robots of a trial in the second round; half in the first (20)", "N")

@@ -31,7 +31,7 @@ from .tune import BODY_EFFECTS, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
 HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
-_BRAINS = "paper", "steady"
+_BRAINS = "paper", "steady"  # by default; any brain may be given
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
 
@@ -98,7 +98,7 @@ class Benchmark(Study):
             seed=self.seed,
             cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
-            kinematics=with_overrides(Kinematics(), effects),
+            kinematics=with_overrides(Kinematics(), (*effects, "pieces=1")),
             time_scale=self.time_scale,
             **fields,
         )
@@ -107,7 +107,7 @@ class Benchmark(Study):
         """Returns a learner's proposers, and the fields of its experiment."""
         if name == "paper":
             return PROPOSERS, {"brain": BRAINS[name]}
-        if name == "steady":
+        if name in BRAINS:
             raw = self.signals == "raw"
             brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
             return ("creative",), {"brain": brain}
@@ -117,11 +117,11 @@ class Benchmark(Study):
     @functools.cached_property
     def _learners(self) -> list[str]:
         """The brains, and the agents as runs record them; their code may run from now on."""
-        names = [name if name in _BRAINS else recorded_name(name) for name in self.agent]
+        names = [name if name in BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
             if short_name(name) in (LOWER, UPPER, TRAINED_BEFORE, *PROPOSERS):
                 raise InputError(f"{short_name(name)} is no learner of the benchmark")
-            if name not in _BRAINS:
+            if name not in BRAINS:
                 trust(name)
                 factory_of(name)
         return list(dict.fromkeys(names))
