@@ -67,6 +67,9 @@ class Run(_Conducted):
     )
     seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
+    backend: str = option(
+        "torch", "what computes the paper's brain (torch)", choices=("torch", "numba"), group=_HOW
+    )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 

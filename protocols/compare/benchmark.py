@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ...controller import BRAINS, PROPOSERS
 from ...fields import shown
 from ...models import Kinematics
@@ -20,7 +18,7 @@ from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, nearest
 from ..lives.conditions import Condition
 from ..lives.config import with_overrides
-from ..lives.experiment import Body, Experiment, Signals
+from ..lives.experiment import Backend, Body, Experiment, Signals
 from ..lives.plan import Plan
 from ..lives.run import Run
 from ..lives.run_files import read_runs
@@ -55,6 +53,7 @@ class Benchmark(Study):
     seed: int = 61010
     body: Body = "kinematic"
     time_scale: float = 1.0
+    backend: Backend = "torch"
 
     def identity(self) -> Mapping[str, Any]:
         """Returns what all runs share: learners and lives may be added later."""
@@ -69,6 +68,7 @@ class Benchmark(Study):
                     f"there is no changing life {shown(name)}; {nearest(name, changing)}"
                 )
         shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
+        shared |= {"backend": self.backend}
         return {**shared, "signals": self.signals}
 
     def experiment(self) -> Experiment:
@@ -106,7 +106,7 @@ class Benchmark(Study):
     def _driver(self, name: str) -> tuple[Sequence[str], dict[str, Any]]:
         """Returns a learner's proposers, and the fields of its experiment."""
         if name == "paper":
-            return PROPOSERS, {"brain": BRAINS[name]}
+            return PROPOSERS, {"brain": BRAINS[name], "backend": self.backend}
         if name in BRAINS:
             raw = self.signals == "raw"
             brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
@@ -174,7 +174,7 @@ def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
             )
             for number, name in enumerate(newborn_lives(life), 1)
         ]
-        newborns = np.array([one.recovery[:, 0].mean() for one in controls])
+        newborns = [one.recovery[:, 0] for one in controls]
         rows.append(Row(_name(run.experiment, proposer), curves, old, newborns))
     return rows
 

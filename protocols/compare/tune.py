@@ -281,12 +281,10 @@ class Tuning(NamedTuple):
     Attributes:
       folder: Folder of the study.
       study: The study.
-      tried: The settings of each trial, sorted.
     """
 
     folder: Path
     study: Tune
-    tried: frozenset[tuple[str, ...]]
 
 
 def _read_tuning(folder: Path) -> Tuning:
@@ -300,10 +298,9 @@ def _read_tuning(folder: Path) -> Tuning:
         study.check_options()
         if study.trials != len(known["drawn"]):
             raise ValueError("it has another number of trials")
-        tried = frozenset(tuple(sorted(map(str, settings))) for settings in known["drawn"])
     except (*UNREADABLE, InputError, OSError) as error:
         raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
-    return Tuning(folder, study, tried)
+    return Tuning(folder, study)
 
 
 def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:
