@@ -28,7 +28,6 @@ sys.path.append(str(DOCS / "generator"))
 import check_site  # noqa: E402
 import tutorial_notebook  # noqa: E402
 
-
 SITE = sorted(DOCS.rglob("*.md"))
 PAGES = {path: path.read_text() for path in (*ROOT.glob("*.md"), *SITE)}
 

@@ -1,7 +1,8 @@
 """Draws the pictures on the pages of the tasks, in the working directory."""
 
-import musebot
 from PIL import Image
+
+import musebot
 
 for task, seed, camera in (
     ("wall_avoidance", 5, "corner"),

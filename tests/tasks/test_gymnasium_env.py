@@ -1,11 +1,9 @@
 """The Gymnasium environments fulfil its contract, and the batch equals single environments."""
 
 import contextlib
-import re
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
