@@ -1,4 +1,4 @@
-"""Lists the packages, and makes README's links absolute; the rest of the build is in pyproject.toml.
+"""Lists the packages, and makes README's links absolute; pyproject.toml has the rest of the build.
 
 Setuptools finds packages by itself only if their folder has their name. The root folder of this
 repository, which is the package `musebot`, can have any name.
