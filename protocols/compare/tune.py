@@ -21,7 +21,7 @@ from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
-from ..errors import InputError
+from ..errors import InputError, check_name
 from ..lives.conditions import Condition, check_proposer
 from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
@@ -131,9 +131,7 @@ class Tune(Study):
         check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        if self.task not in PAPER_LIVES:
-            tasks = ", ".join(PAPER_LIVES)
-            raise InputError(f"the task must be one of {tasks}, got {self.task!r:.60}")
+        check_name("task", self.task, PAPER_LIVES)
         check_proposer(self.condition.proposer)
         if self.condition.has_brain:
             raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")

@@ -22,7 +22,7 @@ from ..agents.base import Agent
 from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
 from ..analysis.behaviour import Track
-from ..errors import InputError
+from ..errors import InputError, check_name
 from ..lives.cohort import fused_life, make_agent
 from ..lives.conditions import Condition
 from ..lives.device import decide
@@ -131,8 +131,7 @@ def policy_act(policies: Policies, robot: int, phase: str) -> Act:
 
 def _when(phase: str, seed: int = SEED) -> When:
     """Returns which stored brain drives in a test; raises InputError for an invalid value."""
-    if phase not in BRAINS_OF_TESTS:
-        raise InputError(f"the phase must be one of {', '.join(BRAINS_OF_TESTS)}, got {phase!r}")
+    check_name("phase", phase, BRAINS_OF_TESTS)
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
     return BRAINS_OF_TESTS[phase]

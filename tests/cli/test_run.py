@@ -100,6 +100,7 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
     [
         (["--life", "dancing"], "there is no life 'dancing'"),
         (["--life", "body@13"], "there is no life 'body@13'"),
+        (["--task", "spot_finding_walls"], "there is no option --task; did you mean --life?"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),

@@ -63,6 +63,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "the task must be one of"),
+        (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),
         (["list", "feelings"], "there are lives, tasks, brains, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],
