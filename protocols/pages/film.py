@@ -82,12 +82,11 @@ def shots_at(
 ) -> Iterator[tuple[Moment, Trail]]:
     """Yields what the frame at each time shows; poses are interpolated between control steps.
 
-    A frame also shows the contact and the events since the frame before. It ends at the first time
-    after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
+    Everything else is that of one instant, the control step before. The frames end at the first
+    time after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
     `speed` is the simulated seconds per second of the film.
     """
     past = [next(moments)]
-    shown = 0  # index of the last moment in the frame before
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
@@ -101,16 +100,8 @@ def shots_at(
         way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi  # the heading turns the shorter way
         span = (after.time - moment.time) or 1.0
         pose = moment.pose + (time - moment.time) / span * way
-        unseen = past[min(shown + 1, now) : now + 1]
-        shot = dataclasses.replace(
-            moment,
-            time=time,
-            pose=pose,
-            contact=any(m.contact for m in unseen),
-            event=any(m.event for m in unseen),
-        )
+        shot = dataclasses.replace(moment, time=time, pose=pose)
         yield shot, _trail(past[: now + 1], pose, after.event, time, speed)
-        shown = now
 
 
 def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed: float) -> Trail:

@@ -45,7 +45,7 @@ class Panel:
         self._shapes = TASKS[task].rules.shapes
         wanted = issubclass(TASKS[task].rules, SpotFindingRules)  # being in the spot; or contact
         self._hot, self._event = (GREEN, "in the spot") if wanted else (RED, "in contact")
-        self._seconds, self._seen = seconds, 0.0
+        self._seconds, self._seen, self._counted = seconds, 0.0, 0.0
         self._small, self._text, self._figures = _font(11), _font(13), _font(12, "", "Mono")
         self._large, self._digits = _font(22, "-Bold"), _font(30, "-Bold", "Mono")
         self._blank = Image.new("RGB", (WIDTH, HEIGHT), _BACK)
@@ -63,16 +63,16 @@ class Panel:
         """Returns a frame, uint8, shape (HEIGHT, WIDTH, 3), around an image of the scene.
 
         The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment;
-        the timeline also shows the events of all earlier calls.
+        the timeline shows the events up to it, also those between this call and the one before.
         """
         begun, now = (
             _LEFT + (_RIGHT - _LEFT) * min(time / self._seconds, 1)
             for time in (self._seen, shot.time)
         )
-        if shot.event:
+        if shot.event_seconds > self._counted:
             event = begun, _TIMELINE, now, _TIMELINE + 12
             ImageDraw.Draw(self._blank).rectangle(event, to_hex(self._hot))
-        self._seen = shot.time
+        self._seen, self._counted = shot.time, shot.event_seconds
         frame = self._blank.copy()
         frame.paste(Image.fromarray(image), (0, _HEADER))
         draw = ImageDraw.Draw(frame)

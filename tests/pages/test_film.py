@@ -161,7 +161,7 @@ def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys
         assert counts.pop() == frames
 
 
-def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened_meanwhile():
+def test_a_shot_shows_one_instant_the_control_step_before_and_the_pose_between():
     turns = 0.0, 0.3, 3.0, -3.0, 0.0
     moments = [
         Moment(
@@ -171,8 +171,8 @@ def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened
         for k in range(5)
     ]  # fmt: skip
     (first, _), (second, trail), (last, _) = film.shots_at([0.05, 0.25, 0.4], iter(moments), 1)
-    for shot, time, meanwhile in ((first, 0.05, False), (second, 0.25, True), (last, 0.4, False)):
-        assert (shot.time, shot.event, shot.contact) == (time, meanwhile, meanwhile)
+    for shot, time, step in ((first, 0.05, 0), (second, 0.25, 2), (last, 0.4, 4)):
+        assert (shot.time, shot.event, shot.contact) == (time, step == 2, step == 1)
     np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
     np.testing.assert_allclose(second.pose[:2], [0.25, 0.5])
     assert np.cos(second.pose[2]) == pytest.approx(-1)  # it turned the shorter way

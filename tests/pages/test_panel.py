@@ -46,8 +46,8 @@ def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, ne
                    for one in np.eye(len(values), dtype=bool)]  # fmt: skip
         for change in [{"contact": not shot.contact}] if name == "contact" else changes:
             assert (panel.frame(IMAGE, dataclasses.replace(shot, **change)) != before).any(), name
-    for time, event in ((0.2, True), (0.5, False), (1.0, True)):
-        image = panel.frame(IMAGE, dataclasses.replace(shot, event=event, time=time))
+    for time, seconds in ((0.2, 0.1), (0.5, 0.1), (1.0, 0.3)):
+        image = panel.frame(IMAGE, dataclasses.replace(shot, event_seconds=seconds, time=time))
     for name, corners, _ in drawn:  # Pillow clips what is outside
         assert (corners >= 0).all() and (corners <= (WIDTH, HEIGHT)).all(), (name, corners)
     # The event's colour from 0 to 0.2 s and from 0.5 s to the end.
