@@ -40,13 +40,13 @@ lint: $(READY) $(RAY) $(GYM) $(WARP)  ## check style, format and types
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
 gym: $(READY)  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/gym.txt
 
 cluster: $(READY)  ## install Ray in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/cluster.txt
 
 warp: $(READY)  ## install MuJoCo Warp in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints-warp.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/warp.txt
 
 docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator
@@ -56,6 +56,8 @@ docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator/check_site.py site
 
 dist: $(READY)  ## build the wheel and the sdist in dist/
+	@! grep -n 'example\.org' pyproject.toml >&2 || { \
+	  echo "Name the project's addresses in pyproject.toml first." >&2; exit 1; }
 	rm -rf build dist *.egg-info
 	$(VENV)/bin/python -c 'from setuptools import build_meta as build; \
 	  build.build_sdist("dist"); build.build_wheel("dist")' >/dev/null
@@ -65,9 +67,9 @@ clean:  ## remove .venv, builds and caches; keep runs/
 	rm -rf $(VENV) build dist site .cache *.egg-info .pytest_cache .ruff_cache .hypothesis
 
 # Only images and films need EGL, so its absence is a warning. Torch is installed first, with the
-# dependencies of its build for this machine. The rest is exactly constraints.txt, which omits labmaze
+# dependencies of its build for this machine. The rest is exactly constraints/base.txt, which omits labmaze
 # where it cannot be built; a plain `pip install -e .` would require it for dm-control's mazes.
-$(READY): pyproject.toml constraints.txt
+$(READY): pyproject.toml constraints/base.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "Musebot requires Python 3.11 or newer: 'make PYTHON=/path/to/python3' selects one." >&2; \
 	  exit 1; }
@@ -80,8 +82,8 @@ $(READY): pyproject.toml constraints.txt
 	  $(call apt_install,libegl1 libegl-mesa0 libgl1-mesa-dri,images and films); } || \
 	  echo "Continuing without EGL: 'musebot film' will not work." >&2
 	$(PYTHON) -m venv $(VENV)
-	$(VENV)/bin/pip install -c constraints.txt torch
-	$(VENV)/bin/pip install --no-deps -r constraints.txt -e .
+	$(VENV)/bin/pip install -c constraints/base.txt torch
+	$(VENV)/bin/pip install --no-deps -r constraints/base.txt -e .
 	@$(MAKE) --no-print-directory $(TYPES)
 	@touch $@
 
@@ -103,24 +105,24 @@ $(CHROMIUM): $(READY)
 	@touch $@
 
 # Only the cluster's tests need Ray (250 MB); they are skipped without it.
-$(RAY): $(READY) constraints-cluster.txt
-	$(VENV)/bin/pip install --no-deps -r constraints-cluster.txt || \
+$(RAY): $(READY) constraints/cluster.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/cluster.txt || \
 	  echo "Continuing without Ray: the cluster's tests will be skipped." >&2
 	@touch $@
 
 # Only users of Gymnasium need it; its tests are skipped without it.
-$(GYM): $(READY) constraints-gym.txt
-	$(VENV)/bin/pip install --no-deps -r constraints-gym.txt || \
+$(GYM): $(READY) constraints/gym.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/gym.txt || \
 	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
 	@touch $@
 
 # Only `--set physics=warp` needs MuJoCo Warp (410 MB); its tests are skipped without it.
-$(WARP): $(READY) constraints-warp.txt
-	$(VENV)/bin/pip install --no-deps -r constraints-warp.txt || \
+$(WARP): $(READY) constraints/warp.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/warp.txt || \
 	  echo "Continuing without MuJoCo Warp: its tests will be skipped." >&2
 	@touch $@
 
 # Only the site needs Zensical and mkdocstrings (110 MB).
-$(DOCS): $(READY) constraints-docs.txt
-	$(VENV)/bin/pip install --no-deps -r constraints-docs.txt
+$(DOCS): $(READY) constraints/docs.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/docs.txt
 	@touch $@

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .tasks.arena import Environment
     from .tasks.rules import Rules
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 __all__ = [
     "ALL_TASKS",

@@ -1,12 +1,31 @@
-"""Lists the packages; everything else about the build is in pyproject.toml.
+"""Lists the packages, and makes README's links absolute; the rest of the build is in pyproject.toml.
 
 Setuptools finds packages by itself only if their folder has their name. The root folder of this
 repository, which is the package `musebot`, can have any name.
 """
 
+import re
+import tomllib
+from pathlib import Path
+
 from setuptools import find_packages, setup
+
+ROOT = Path(__file__).resolve().parent
+REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["urls"]["Repository"]
+
+
+def absolute(match: re.Match) -> str:
+    """Returns a relative link or picture of README as it must be on a package index."""
+    before, target = match.groups()
+    kind = "raw" if target.endswith((".gif", ".png", ".svg")) else "blob"
+    return f"{before}{REPOSITORY}/{kind}/main/{target}"
+
+
+README = (ROOT / "README.md").read_text()
 
 setup(
     packages=["musebot", *(f"musebot.{name}" for name in find_packages(exclude=["tests*"]))],
+    long_description=re.sub(r'(\]\(|src=")(?!https?:|#)([^)"]+)', absolute, README),
+    long_description_content_type="text/markdown",
     script_name="setup.py",  # leaves this file out of the package
 )

@@ -45,6 +45,8 @@ def wheel(tmp_path_factory):
     folder = tmp_path_factory.mktemp("build")
     skipped = shutil.ignore_patterns(".*", "docs", "runs", "build", "dist", "tests", "__pycache__")
     shutil.copytree(ROOT, folder / "any-name", ignore=skipped)
+    project = folder / "any-name" / "pyproject.toml"
+    project.write_text(project.read_text().replace("example.org", "named.org"))
     code = "from setuptools import build_meta; print(build_meta.build_wheel('..'))"
     done = run(sys.executable, "-c", code, cwd=folder / "any-name")
     assert done.returncode == 0, done.stderr
@@ -75,7 +77,11 @@ def test_the_wheel_holds_every_file_of_the_package_and_nothing_else(wheel):
     files += [Path(path.name) for path in ROOT.glob("*.py") if path.name != "setup.py"]
     with zipfile.ZipFile(wheel) as packed:
         found = {name for name in packed.namelist() if ".dist-info/" not in name}
+        (about,) = (name for name in packed.namelist() if name.endswith("/METADATA"))
+        readme = packed.read(about).decode()
     assert found == {f"musebot/{path.as_posix()}" for path in [*files, Path("py.typed")]}
+    links = re.findall(r'(?:\]\(|src=")([^)"#]+)', readme)
+    assert len(links) > 10 and all(link.startswith("http") for link in links)
 
 
 def requirements(extra):
@@ -92,7 +98,7 @@ def test_extras_hold_what_users_need_the_light_ones_no_torch_and_pins_are_given_
     assert everything.extras == set(extras) - {"all", "dev", "docs"}
     site, others = (
         re.findall(r"^([\w.-]+)==", (ROOT / file).read_text().lower().replace("_", "-"), re.M)
-        for file in ("constraints-docs.txt", "constraints.txt")
+        for file in ("constraints/docs.txt", "constraints/base.txt")
     )
     assert requirements("docs") <= {*site} and len({*site, *others}) == len(site + others)
 

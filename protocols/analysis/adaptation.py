@@ -7,12 +7,14 @@ robot after a change. The measures and their sources are in docs/lives.md.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
 from ...tasks.lives import Life, control_steps
 from ..lives.conditions import Condition
 from ..lives.run import Run
+from .intervals import Interval
 
 FAILED = 0.1
 """Online score below which a life has failed."""
@@ -22,6 +24,10 @@ RECOVERED = 0.5
 
 WINDOW = 5
 """Minutes over which a robot must be recovered on average; also those before and after a return."""
+
+
+Newborns = Sequence[np.ndarray]
+"""Minutes of recovery of the newborns in each of a life's W worlds, W arrays of shape (m,)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,15 +95,33 @@ class Adaptation:
         count = -(-len(self.online) // 10)
         return float(np.sort(self.online)[:count].mean())
 
-    def relative_recovery(self, newborns: np.ndarray) -> np.ndarray:
+    def relative_recovery(self, newborns: Newborns) -> np.ndarray:
         """Returns mean recovery after each change over that of newborns in the same world.
 
-        Below 1 the old robot is faster. `newborns` is their mean recovery in each world, in
-        minutes, shape (W,). Returns shape (P - 1,).
+        Below 1 the old robot is faster. Returns shape (P - 1,).
         """
-        return (self.recovery.mean(axis=0) / newborns[self.worlds])[1:]
+        means = np.array([one.mean() for one in newborns])
+        return (self.recovery.mean(axis=0) / means[self.worlds])[1:]
 
-    def slope(self, newborns: np.ndarray) -> float:
+    def last_recovery(self, newborns: Newborns, returns: int) -> tuple[float, Interval]:
+        """Returns mean relative recovery in the last phases, as many as `returns`.
+
+        The interval is that of a percentile bootstrap over old robots, and over newborns of each
+        world.
+        """
+        random, draws = np.random.default_rng(1), 4999
+
+        def resampled(values: np.ndarray) -> np.ndarray:
+            drawn = random.integers(len(values), size=(draws, len(values)))
+            return values[drawn].mean(axis=1)
+
+        old, worlds = self.recovery[:, -returns:], self.worlds[-returns:]
+        controls = np.array([resampled(newborns[world]) for world in worlds]).T
+        low, high = np.quantile((resampled(old) / controls).mean(axis=1), (0.025, 0.975))
+        mean = self.relative_recovery(newborns)[-returns:].mean()
+        return float(mean), (float(low), float(high))
+
+    def slope(self, newborns: Newborns) -> float:
         """Returns the change of log2 `relative_recovery` from one change to the next.
 
         Positive: recovery becomes slower with age, a loss of plasticity.

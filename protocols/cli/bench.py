@@ -19,8 +19,6 @@ _TEXTS = {
     "PyTorch.",
     "interfaces": "Wall avoidance with random actions, and the same physics steps by "
     "`mujoco.rollout` alone.",
-    "processes": "Creative wall avoidance: each process while all work, and one alone. The "
-    "scaling is the ratio times the number of processes.",
     "populations": "Creative spot finding in training, and the physics alone with random motor "
     "values. Empty where the memory is too small.",
 }
@@ -62,7 +60,6 @@ class Bench:
             todo = {"lives": speed.lives(effort), "interfaces": speed.interfaces(effort)}
             if importlib.util.find_spec("numba"):
                 todo["backends"] = speed.backends(effort)
-            todo["processes"] = speed.processes(effort, cores())
         prepare_process()
         about = machine() | {"cores_used": cores(), "quick": self.quick}
         quick = " **Measured with --quick: too short to be quoted.**" if self.quick else ""

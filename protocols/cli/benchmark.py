@@ -12,7 +12,6 @@ from .options import argument, executor, option
 
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
-_TASKS = ("wall_avoidance", "spot_finding")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "raw: smell and reward before they saturate (paper)"
@@ -66,6 +65,9 @@ class Run(_Conducted):
     robots: int = option(60, "robots of each learner: up to 60 or a multiple; MuJoCo: 30 (60)", "N")
     seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
+    backend: str = option(
+        "torch", "what computes the paper's brain (torch)", choices=("torch", "numba"), group=_HOW
+    )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
 
@@ -76,8 +78,8 @@ class Tune(_Conducted):
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
     of each trial are simulated; then the best trials are simulated again, with all robots and on a
-    fresh seed. A robot's value is the mean of two shares of time in the spot, or without contact:
-    in the test after training, and during training.
+    fresh seed. A robot's value is its share of time at the goal while it learns; in a life with
+    tests the mean of this and the share in the test after training.
     """
 
     study = "tune", "Tune"
@@ -87,9 +89,7 @@ class Tune(_Conducted):
         dataclasses.MISSING, "`musebot list agents`, or package.module:factory", "AGENT"
     )
     signals: str = option("paper", _RAW, choices=_SIGNALS)
-    task: str = option(
-        "spot_finding", "wall_avoidance or spot_finding (spot_finding)", "TASK", choices=_TASKS
-    )
+    life: str = option("spot_finding", "life of all robots (spot_finding)", "LIFE")
     trials: int = option(16, "number of settings that are tried (16)", "N")
     kept: int = option(4, "number of settings that are simulated again (4)", "N")
     robots: int = option(20, "robots of a trial in round two; half in round one (20)", "N")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
 import importlib.util
 import json
 import os
@@ -27,19 +26,6 @@ from .options import option
 
 Probe = Callable[[], str]  # returns what was found, or raises Missing
 
-# Modules of other names, and modules that load a package's compiled part.
-_MODULES = {
-    "absl-py": "absl",
-    "dm-control": "dm_control.suite.base",
-    "dm-tree": "tree",
-    "markdown-it-py": "markdown_it",
-    "matplotlib": "matplotlib.figure",
-    "pillow": "PIL.Image",
-    "protobuf": "google.protobuf",
-    "pyopengl": "OpenGL",
-    "safetensors": "safetensors.numpy",
-    "scipy": "scipy.stats",
-}
 _OPTIONAL = {  # package: extra of musebot, and what needs it
     "torch": ("brain", "robots that learn"),
     "numba": ("numba", "`musebot run --set backend=numba`"),
@@ -152,7 +138,7 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     optional: dict[str, Probe] = {}
     for one in map(Requirement, lines):
         if one.marker is None or one.marker.evaluate({"extra": brain}):
-            probes[one.name] = functools.partial(_required, one)
+            probes[one.name] = functools.partial(_package, one)
         elif one.name in _OPTIONAL:
             optional[one.name] = functools.partial(_package, one, *_OPTIONAL[one.name])
     return probes | {name: probe for name, probe in optional.items() if name not in probes}
@@ -162,7 +148,7 @@ def _not_installed() -> str:
     raise Missing("not installed, so its requirements are unknown", "pip install -e .")
 
 
-def _package(requirement: Requirement, extra: str, use: str) -> str:
+def _package(requirement: Requirement, extra: str = "", use: str = "") -> str:
     """Returns the version of a package; without a use, it is required."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
     remedy = f"pip install '{requirement.name}{extras}{requirement.specifier}'"
@@ -177,25 +163,6 @@ def _package(requirement: Requirement, extra: str, use: str) -> str:
     if not requirement.specifier.contains(version, prereleases=True):
         text = f"{f'for {use} its ' * bool(use)}version must be {requirement.specifier}"
         raise Missing(f"{text}, got {version}", remedy, "WARNING" if use else "MISSING")
-    return version
-
-
-def _required(requirement: Requirement) -> str:
-    version, name = _package(requirement, "", ""), requirement.name.lower()
-    try:
-        module = importlib.import_module(_MODULES.get(name, name.replace("-", "_")))
-        if name == "mujoco":
-            from ...models import check_versions
-
-            check_versions()
-        if name == "torch":
-            return f"{version}, {module.get_num_threads()} threads (a run uses one a process)"
-        if name == "imageio-ffmpeg":
-            return f"{version}, ffmpeg {module.get_ffmpeg_version()}"
-    except Exception as error:  # a broken installation can raise anything
-        reason = f"cannot be used ({type(error).__name__}: {error})"
-        remedy = f"pip install '{requirement.name}{requirement.specifier}' --force-reinstall"
-        raise Missing(reason, remedy) from error
     return version
 
 

@@ -8,14 +8,9 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
-import multiprocessing
 import re
-import signal
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing.synchronize import Barrier
 from typing import Any
 
 import mujoco
@@ -28,14 +23,10 @@ from ...controller import BRAINS
 from ...tasks import Batch
 from ...tasks.batch import substeps_of
 from ...tasks.lives import PAPER_LIVES
-from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import CohortKey, Condition
-from ..lives.device import decide
 from ..lives.experiment import Body, Experiment
-from ..lives.jobs import DIED
-from ..lives.local import prepare_process, single_threaded_children
 from ..lives.plan import Plan
 from ..lives.runs import check_device
 
@@ -169,24 +160,10 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
         yield labels | life(cohort, effort.steps(robots), effort.repetitions)
 
 
-class Recorder(Wrapper):
-    """An agent whose motor values are kept in the list `motors`."""
-
-    def __init__(self, agent: Agent) -> None:
-        super().__init__(agent)
-        self.motors: list[np.ndarray] = []
-
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        motors = self.agent.act(state, learning)
-        self.motors.append(motors.copy())
-        return motors
-
-
 def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
     """Times so many control steps of a cohort, and its physics alone; see `paired`."""
     batch = cohort.batch
-    recorder = cohort.agent = Recorder(cohort.agent)
-    cohort.decide = functools.partial(decide, recorder, batch)
+    recorder = cohort.recorded()
 
     def work() -> np.ndarray:
         recorder.motors.clear()
@@ -278,66 +255,6 @@ def _interface_row(
 
     pair = functools.partial(over_bare, work, own, bare_mujoco(model, count))
     return {"interface": name, "robots": count} | paired(steps * count, effort.repetitions, pair)
-
-
-def processes(effort: Effort, cores: int) -> Iterator[dict[str, Any]]:
-    """Yields a row for two processes, and for one on each core: together, and one alone.
-
-    `process_scaling` is the throughput of all over that of one alone, if each has its own core.
-
-    Raises:
-      RunError: A process died.
-    """
-    most = max(cores, 2)
-    context = multiprocessing.get_context("spawn")
-    prepared = context.Barrier(most), effort
-    with (
-        single_threaded_children(),
-        ProcessPoolExecutor(most, context, _prepare, prepared) as pool,
-    ):
-
-        def seconds(active: int) -> float:
-            blocks = [pool.submit(_simulate, active) for _ in range(most)]
-            return sum(block.result() for block in blocks) / active
-
-        robots = effort.cohorts[-1]
-        robot_steps = robots * effort.steps(robots)
-        for count in sorted({2, most}):
-
-            def pair(count: int = count) -> Pair:
-                return seconds(count), seconds(1)
-
-            try:
-                numbers = paired(robot_steps, effort.repetitions, pair)
-            except BrokenProcessPool as error:
-                raise RunError(DIED) from error
-            labels = {"processes": count, "robots": robots}
-            yield labels | numbers | {"process_scaling": count * numbers["ratio"]}
-
-
-_worker: Any = None  # in a process of the pool: the barrier of all, a cohort, its control steps
-
-
-def _prepare(together: Barrier, effort: Effort) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends this process
-    prepare_process()
-    robots = effort.cohorts[-1]
-    condition = Condition("wall_avoidance", "creative")
-    cohort = cohort_in_training(Experiment(cohort_size=robots), condition)
-    _worker = together, cohort, effort.steps(robots)
-
-
-def _simulate(active: int) -> float:
-    """Returns the processor time of a block in [s]; all but so many processes wait: 0."""
-    together, cohort, steps = _worker
-    seconds = 0.0
-    if together.wait() < active:
-        began = time.thread_time()
-        cohort.advance(steps)
-        seconds = time.thread_time() - began
-    together.wait()
-    return seconds
 
 
 def check_populations(device: str) -> None:

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
-
 from ...controller import BRAINS, PROPOSERS
 from ...fields import shown
 from ...models import Kinematics
@@ -20,7 +18,7 @@ from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, nearest
 from ..lives.conditions import Condition
 from ..lives.config import with_overrides
-from ..lives.experiment import Body, Experiment, Signals
+from ..lives.experiment import Backend, Body, Experiment, Signals
 from ..lives.plan import Plan
 from ..lives.run import Run
 from ..lives.run_files import read_runs
@@ -31,7 +29,7 @@ from .tune import BODY_EFFECTS, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
 HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
-_BRAINS = "paper", "steady"
+_BRAINS = "paper", "steady"  # by default; any brain may be given
 # In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
 _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
 
@@ -55,6 +53,7 @@ class Benchmark(Study):
     seed: int = 61010
     body: Body = "kinematic"
     time_scale: float = 1.0
+    backend: Backend = "torch"
 
     def identity(self) -> Mapping[str, Any]:
         """Returns what all runs share: learners and lives may be added later."""
@@ -69,6 +68,7 @@ class Benchmark(Study):
                     f"there is no changing life {shown(name)}; {nearest(name, changing)}"
                 )
         shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
+        shared |= {"backend": self.backend}
         return {**shared, "signals": self.signals}
 
     def experiment(self) -> Experiment:
@@ -98,7 +98,7 @@ class Benchmark(Study):
             seed=self.seed,
             cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
-            kinematics=with_overrides(Kinematics(), effects),
+            kinematics=with_overrides(Kinematics(), (*effects, "pieces=1")),
             time_scale=self.time_scale,
             **fields,
         )
@@ -106,8 +106,8 @@ class Benchmark(Study):
     def _driver(self, name: str) -> tuple[Sequence[str], dict[str, Any]]:
         """Returns a learner's proposers, and the fields of its experiment."""
         if name == "paper":
-            return PROPOSERS, {"brain": BRAINS[name]}
-        if name == "steady":
+            return PROPOSERS, {"brain": BRAINS[name], "backend": self.backend}
+        if name in BRAINS:
             raw = self.signals == "raw"
             brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
             return ("creative",), {"brain": brain}
@@ -117,11 +117,11 @@ class Benchmark(Study):
     @functools.cached_property
     def _learners(self) -> list[str]:
         """The brains, and the agents as runs record them; their code may run from now on."""
-        names = [name if name in _BRAINS else recorded_name(name) for name in self.agent]
+        names = [name if name in BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
             if short_name(name) in (LOWER, UPPER, TRAINED_BEFORE, *PROPOSERS):
                 raise InputError(f"{short_name(name)} is no learner of the benchmark")
-            if name not in _BRAINS:
+            if name not in BRAINS:
                 trust(name)
                 factory_of(name)
         return list(dict.fromkeys(names))
@@ -174,7 +174,7 @@ def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
             )
             for number, name in enumerate(newborn_lives(life), 1)
         ]
-        newborns = np.array([one.recovery[:, 0].mean() for one in controls])
+        newborns = [one.recovery[:, 0] for one in controls]
         rows.append(Row(_name(run.experiment, proposer), curves, old, newborns))
     return rows
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...tasks.lives import Life
 from ..analysis import intervals
-from ..analysis.adaptation import FAILED, RECOVERED, WINDOW, Adaptation
+from ..analysis.adaptation import FAILED, RECOVERED, WINDOW, Adaptation, Newborns
 from ..analysis.hypothesis_tests import ALPHA, holm, same_mean
 from ..pages import style
 from ..pages.markdown import mean_cell, number, probability, table, with_interval
@@ -32,8 +32,9 @@ _ABOUT = (
 _MEASURES = (
     f"Failed: lives with a score below {FAILED}. Worst tenth: mean score of the tenth of the "
     f"robots with the lowest. Recovery: minutes until the mean of {WINDOW} minutes is at least "
-    f"{RECOVERED:g} of the way to the upper bound, after a change, over those of a newborn in the "
-    "same world; below 1 the old robot is faster. Slope: change of the logarithm (to base 2) of "
+    f"{RECOVERED:g} of the way to the upper bound, at the last visit of each world, over those of "
+    "newborns in the same world; below 1 the old robot is faster. Last: the same after the last "
+    "change only. Slope: change of the logarithm (to base 2) of "
     "recovery from one change to the next; positive: it learns more slowly with age. Savings: by "
     "which share recovery is faster at the last return of a world than at the first visit. "
     f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first "
@@ -49,14 +50,14 @@ class Row:
       name: Name of the learner.
       curves: Share of each minute in which the goal was reached, shape (n, M).
       old: How its robots adapted.
-      newborns: Mean minutes of recovery of newborns in each world, shape (W,); of fewer worlds
-        where a life has no such controls.
+      newborns: How fast newborns of each world recover; of fewer worlds where a life has no such
+        controls.
     """
 
     name: str
     curves: np.ndarray
     old: Adaptation
-    newborns: np.ndarray
+    newborns: Newborns
 
     @property
     def controlled(self) -> bool:
@@ -91,6 +92,8 @@ def page(columns: Sequence[Column]) -> Page:
         for column in columns:
             lines += [f"## {column.life.title}", "", *table(_measures(column)), ""]
             lines += [*table(_bounds(column.matrix)), ""]
+            lines += [f"The best fixed policy reaches {column.matrix.best_fixed:.3f} of the time."]
+            lines += [""]
             figures[column.life.name] = draw(column)
     return Page("\n".join(lines), figures)
 
@@ -114,7 +117,7 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
 
 def _measures(column: Column) -> list[list[str]]:
     """Returns the table of a life: a row a learner."""
-    head = "learner,robots,score,failed,worst tenth,recovery,slope,savings,forgotten,p"
+    head = "learner,robots,score,failed,worst tenth,recovery,last,slope,savings,forgotten,p"
     rows: list[list[str]] = [[*head.split(",")]]
     tests = column.tests()
     for row in column.ranked():
@@ -122,13 +125,14 @@ def _measures(column: Column) -> list[list[str]]:
         failed = with_interval(
             f"{old.failed.mean():.2f}", intervals.share(int(old.failed.sum()), count), ".2f"
         )
-        relative = slope = "-"
+        relative, slope = ["-", "-"], "-"
         if row.controlled:
-            relative = f"{old.relative_recovery(row.newborns).mean():.2f}"
+            ends = (old.last_recovery(row.newborns, n) for n in (len(row.newborns), 1))
+            relative = [with_interval(f"{mean:.2f}", interval, ".2f") for mean, interval in ends]
             slope = f"{old.slope(row.newborns):+.3f}"
         p = tests.get(row.name, math.nan)
         ends = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
-        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", relative, slope, *ends]
+        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", *relative, slope, *ends]
         rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])
     return rows
 

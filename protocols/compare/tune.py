@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from ...models import Kinematics
-from ...tasks.lives import PAPER_LIVES, STAGES
+from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
@@ -36,10 +36,7 @@ from .study import STUDY_FILE, Page, RunJobs, Study, check_positive
 BODY_EFFECTS = "felt=pushed", "wall=slips", "lag=0.08"
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
-_SHARES = {
-    "wall_avoidance": "Share of time without contact",
-    "spot_finding": "Share of time in the spot",
-}
+_PARTS: Mapping[Stage, str] = {"post": "after training", "training": "during training"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +58,7 @@ class Trial:
 
 
 class Ranked(NamedTuple):
-    """A trial with each robot's shares, after training and during training, shape (2, robots).
+    """A trial with each robot's shares in the parts of its life that count, shape (parts, robots).
 
     Attributes:
       trial: The trial.
@@ -78,10 +75,10 @@ class Ranked(NamedTuple):
 class Tune(Study):
     """Tunes an agent's settings; its fields are options of `musebot benchmark tune`.
 
-    A robot's value is the mean of two shares of time in the spot, or without contact: in the test
-    after training, and during training. These two make the benchmark's score, too. A trial's value
-    is the mean over its robots. Sixteen trials share a cohort, which keeps one core busy, if robots
-    may differ in all settings (`Setting.each`).
+    A robot's value is the share of time at the goal (in wall avoidance: without contact) while it
+    learns; in a life with tests the mean of this share and that in the test after training. A
+    trial's value is the mean over its robots. Sixteen trials share a cohort, which keeps one core
+    busy, if robots may differ in all settings (`Setting.each`).
     """
 
     name: ClassVar[str] = "tune"
@@ -89,41 +86,17 @@ class Tune(Study):
 
     agent: str
     signals: Signals = "paper"
-    task: str = "spot_finding"
+    life: str = SPOT_FINDING.name
     trials: int = 16
     kept: int = 4
     robots: int = 20
     seed: int = 32001
-    kinematics: tuple[str, ...] = BODY_EFFECTS
     time_scale: float = 1.0
 
     @property
     def condition(self) -> Condition:
-        """Task and agent of all robots."""
-        return Condition(self.task, recorded_name(self.agent))
-
-    @property
-    def world(self) -> Kinematics:
-        """Settings of the simulator; the usual ones for a kept study with a setting that is gone.
-
-        Such a study can be read, but not simulated: `check_options` refuses it.
-        """
-        try:
-            return with_overrides(Kinematics(), self.kinematics)
-        except InputError:
-            return with_overrides(Kinematics(), BODY_EFFECTS)
-
-    @property
-    def effort(self) -> str:
-        """What is tried, in words."""
-        task = f" in {self.task}" if self.task != "spot_finding" else ""
-        usual = with_overrides(Kinematics(), BODY_EFFECTS)
-        other = f", {' '.join(self.kinematics)}" if self.world != usual else ""
-        scale = f", durations times {self.time_scale:g}" if self.time_scale != 1 else ""
-        return (
-            f"{self.trials} settings{task}, then the best {self.kept}; robots of a setting: "
-            f"{self._robots(False)}, then {self.robots}{other}{scale}"
-        )
+        """Life and agent of all robots."""
+        return Condition(self.life, recorded_name(self.agent))
 
     def check_options(self) -> None:
         """Raises InputError where an option is invalid; imports no agent."""
@@ -131,11 +104,10 @@ class Tune(Study):
         check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        check_name("task", self.task, PAPER_LIVES)
+        check_name("life", self.life, LIVES)
         check_proposer(self.condition.proposer)
         if self.condition.has_brain:
             raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")
-        with_overrides(Kinematics(), self.kinematics)
         self._round(True, [Trial(0, ())])
 
     def identity(self) -> Mapping[str, Any]:
@@ -204,11 +176,12 @@ class Tune(Study):
         return ranked[0].trial
 
     def page(self, out: Path) -> Page:
-        rounds = ["first round", "second round", "after training", "during training"]
-        rows = [["trial", *self.settings, *rounds]]
+        life = self.experiment().life_of(self.life)
+        parts = [words for stage, words in _PARTS.items() if life.steps_of(stage)]
+        rows = [["trial", *self.settings, "first round", "second round", *parts]]
         ranked = self.ranked(out)
         for trial, early, late in ranked:
-            cells = ["-"] * 3
+            cells = ["-"] * (1 + len(parts))
             if late is not None:
                 means = [mean_cell(shares, intervals.SHARE) for shares in late]
                 cells = [f"{late.mean():.3f}", *means]
@@ -220,10 +193,11 @@ class Tune(Study):
             "",
             *table(rows),
             "",
-            f"{_SHARES[self.task]}: mean of two shares, in the test after training and during "
-            f"training. Robots of a setting: {self._robots(False)}, then {self.robots}. The last "
-            "two columns belong to the second round; brackets hold 95 % intervals over robots. The "
-            "best of several trials was also lucky: only runs on other seeds measure it.",
+            f"{life.title}. Values: mean share of time {'' if life.wanted else 'not '}{life.event} "
+            f"{' and '.join(parts)}. Robots of a setting: {self._robots(False)}, then "
+            f"{self.robots}. The columns after the second round belong to it; brackets hold 95 % "
+            "intervals over robots. The best of several trials was also lucky: only runs on other "
+            "seeds measure it.",
             "",
             f"Best: trial {winner.number}, `musebot run OUT "
             f"{run_words(name, self.signals, winner.settings)}`",
@@ -250,7 +224,7 @@ class Tune(Study):
             cohort_size=self._robots(again) * len(trials),
             time_scale=self.time_scale,
             body="kinematic",
-            kinematics=self.world,
+            kinematics=with_overrides(Kinematics(), BODY_EFFECTS),
             signals=self.signals,
             settings=words,
         )
@@ -259,13 +233,12 @@ class Tune(Study):
         numbers = "-".join(f"{trial.number:04}" for trial in trials)
         experiment = self._round(again, trials)
         robots = experiment.cohort_size
-        words = "signals", "task", "kinematics", "time_scale"
-        identity = {word: getattr(self, word) for word in words}
+        identity = {word: getattr(self, word) for word in ("signals", "life", "time_scale")}
         identity |= {"agent": self.condition.proposer, "seed": experiment.seed}
         return ArrayJob(
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
             functools.partial(lives, experiment, self.condition),
-            experiment.robot_seconds(sum(experiment.life_of(self.task).steps())),
+            experiment.robot_seconds(sum(experiment.life_of(self.life).steps())),
             {"events": ("I32", (robots, len(STAGES))), "valid": ("BOOL", (robots,))},
             identity | {"settings": experiment.settings},
         )
@@ -275,27 +248,28 @@ class Tune(Study):
         return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
     def _values(self, out: Path, again: bool, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
-        """Returns the shares of each finished trial's robots, shape (2, robots)."""
+        """Returns the shares of each finished trial's robots, shape (parts, robots)."""
         found = {}
         for some in self._cohorts(trials):
             job = self._job(out, again, some)
             if job.done():
-                shares = shares_of(job.read(), self._round(again, some), self.task)
+                shares = shares_of(job.read(), self._round(again, some).life_of(self.life))
                 found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
 
 
-def shares_of(arrays: Mapping[str, np.ndarray], experiment: Experiment, task: str) -> np.ndarray:
-    """Returns each robot's shares of time after and during training, shape (2, B).
+def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
+    """Returns each robot's shares of time at the goal, shape (parts, B).
 
-    They are shares in the spot, or without contact; 0 for a robot that became unstable. `arrays`
-    is what `jobs.lives` returned.
+    The parts are the test after training, where a life has one, and training. A robot that became
+    unstable has 0. `arrays` is what `jobs.lives` returned.
     """
-    life, shares = experiment.life_of(task), []
-    for part in ("post", "training"):
-        share = np.clip(arrays["events"][:, STAGES.index(part)] / life.steps_of(part), 0, 1)
-        wanted = share if life.wanted else 1 - share
-        shares.append(np.where(arrays["valid"], wanted, 0.0))
+    shares = []
+    for part in _PARTS:
+        if steps := life.steps_of(part):
+            share = np.clip(arrays["events"][:, STAGES.index(part)] / steps, 0, 1)
+            wanted = share if life.wanted else 1 - share
+            shares.append(np.where(arrays["valid"], wanted, 0.0))
     return np.array(shares)
 
 
@@ -305,12 +279,10 @@ class Tuning(NamedTuple):
     Attributes:
       folder: Folder of the study.
       study: The study.
-      tried: The settings of each trial, sorted.
     """
 
     folder: Path
     study: Tune
-    tried: frozenset[tuple[str, ...]]
 
 
 def _read_tuning(folder: Path) -> Tuning:
@@ -319,17 +291,14 @@ def _read_tuning(folder: Path) -> Tuning:
         held = read_json(path)
         if held["study"] != Tune.name:
             raise ValueError("it holds another study")
-        known = held["identity"] | {"kinematics": tuple(held["identity"]["kinematics"])}
+        known = held["identity"]
         study = Tune(**{field.name: known[field.name] for field in dataclasses.fields(Tune)})
-        if not all(type(word) is str for word in study.kinematics):
-            raise ValueError("its kinematics must be words")
-        dataclasses.replace(study, kinematics=BODY_EFFECTS).check_options()
+        study.check_options()
         if study.trials != len(known["drawn"]):
             raise ValueError("it has another number of trials")
-        tried = frozenset(tuple(sorted(map(str, settings))) for settings in known["drawn"])
     except (*UNREADABLE, InputError, OSError) as error:
         raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
-    return Tuning(folder, study, tried)
+    return Tuning(folder, study)
 
 
 def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:

@@ -1,4 +1,4 @@
-"""Runs jobs as Ray tasks on an existing cluster (extra `cluster`), see docs/scaling.md.
+"""Runs jobs as Ray tasks on an existing cluster (extra `cluster`), see docs/performance.md.
 
 All nodes share the folders of the jobs, so that the jobs of a lost node continue elsewhere.
 """

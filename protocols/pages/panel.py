@@ -14,7 +14,7 @@ from ...tasks.rules import RANGEFINDERS
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from . import scene
-from .replay import Moment
+from .replay import BEFORE, Moment
 from .scene import AMBER, BLUE, GREEN, RED, heat
 
 _HEADER, _PANEL = 44, 240
@@ -36,10 +36,10 @@ _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", 
 class Panel:
     """Draws the frame: a header above the scene and a panel of instruments to its right."""
 
-    def __init__(self, task: str, driver: str, trained: bool, speed: float, seconds: float) -> None:
+    def __init__(self, task: str, driver: str, when: str, speed: float, seconds: float) -> None:
         """Draws the parts that are the same in all frames.
 
-        `driver` is described in a few words, `speed` is the simulated seconds per second of the
+        `driver` and `when` are a few words, `speed` is the simulated seconds per second of the
         film, and `seconds` its simulated duration in [s].
         """
         self._shapes = TASKS[task].rules.shapes
@@ -53,8 +53,8 @@ class Panel:
         draw.rectangle((0, 0, WIDTH, _HEADER - 1), fill=_HEAD)
         draw.text((20, 22), title.capitalize(), _INK, bold, "lm")
         draw.text((34 + bold.getlength(title.capitalize()), 23), driver, _DIM, _font(14), "lm")
-        when = "after training" if trained else "before training"
-        draw.text((_RIGHT, 22), when, to_hex(GREEN if trained else AMBER), _font(13, "-Bold"), "rm")
+        colour = to_hex(AMBER if when == BEFORE else GREEN)
+        draw.text((_RIGHT, 22), when, colour, _font(13, "-Bold"), "rm")
         speeds = f"{speed:g} \N{MULTIPLICATION SIGN} real time"
         draw.text((_RIGHT, _HEADER + 24), speeds, _DIM, self._small, "rm")
         draw.rectangle((_LEFT, _TIMELINE, _RIGHT, _TIMELINE + 12), _GROOVE)

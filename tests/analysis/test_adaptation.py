@@ -57,10 +57,24 @@ def faster(factors):
 
 def test_an_old_robot_is_compared_with_newborns_of_the_same_world():
     found = faster([1] * 12)
-    assert found.relative_recovery(np.array([40, 20, 80])).tolist() == [2, 0.5, 1] * 3 + [2, 0.5]
-    assert found.slope(np.full(3, 40)) == pytest.approx(0)
+    newborns = [np.array([minutes]) for minutes in (40, 20, 80)]
+    assert found.relative_recovery(newborns).tolist() == [2, 0.5, 1] * 3 + [2, 0.5]
     slower = faster([2 ** (-1 + k / 8) for k in range(12)])
-    assert slower.slope(np.full(3, 40)) == pytest.approx(1 / 8, abs=0.02)
+    equal = [np.array([40])] * 3
+    assert found.slope(equal) == pytest.approx(0)
+    assert slower.slope(equal) == pytest.approx(1 / 8, abs=0.02)
+
+
+def test_the_interval_of_the_last_recovery_covers_both_groups_of_robots():
+    random = np.random.default_rng(3)
+    covered = []
+    for _ in range(40):
+        old = Adaptation.of(curves(*random.integers(10, 30, 30)), BODY, UNIT)
+        newborns = [random.integers(20, 60, 30).astype(float) for _ in range(3)]
+        mean, (low, high) = old.last_recovery(newborns, 3)
+        assert mean == pytest.approx(old.relative_recovery(newborns)[-3:].mean())
+        covered.append(low < 18.5 / 39.5 < high)
+    assert sum(covered) >= 34
 
 
 def test_savings_compare_the_last_visits_of_worlds_with_the_first():

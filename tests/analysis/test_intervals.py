@@ -61,7 +61,7 @@ _KEPT = json.loads(Path(__file__).with_name("populations.json").read_text())
 POPULATIONS = {name: np.array(values) for name, values in _KEPT.items()}
 
 
-# Samples of a simulation of coverage; its figures in docs/reliability.md are those at night.
+# Samples of a simulation of coverage, by day and at night.
 many = pytest.mark.parametrize("samples", [100, pytest.param(1000, marks=pytest.mark.night)])
 
 

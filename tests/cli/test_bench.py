@@ -64,14 +64,12 @@ def test_a_replay_of_other_motor_values_is_refused():
         speed.over_bare(lambda: work(-1), batch.arrays, bare)
 
 
-ROWS = {"lives": 16, "interfaces": 4, "backends": 1, "processes": 1}
+ROWS = {"lives": 16, "interfaces": 4, "backends": 1}
 
 
 @pytest.mark.parametrize(("words", "rows"), [([], ROWS), (["--device", "cpu"], {"populations": 4})])
-@pytest.mark.usefixtures("processes_that_have_imported")
-def test_a_quick_run_keeps_every_number_that_it_prints(words, rows, tmp_path, capsys, monkeypatch):
+def test_a_quick_run_keeps_every_number_that_it_prints(words, rows, tmp_path, capsys):
     pytest.importorskip("mujoco_warp" if words else "gymnasium")
-    monkeypatch.setattr("musebot.protocols.machine.cores", lambda: 2)
     assert cli.main(["bench", "--quick", "--json", str(tmp_path / "b.json"), *words]) == 0
     text = capsys.readouterr().out
     found = json.loads((tmp_path / "b.json").read_text())

@@ -1,6 +1,5 @@
 """The doctor's report."""
 
-import functools
 import io
 import subprocess
 import sys
@@ -64,17 +63,6 @@ def test_what_musebot_requires_is_checked_and_other_extras_are_not(monkeypatch):
     assert list(doctor.package_probes(lines)) == ["numpy", "tomli"]
 
 
-def test_a_required_package_passes_and_has_a_remedy_where_it_is_broken(monkeypatch):
-    for name, line in REQUIREMENTS.items():
-        assert metadata.version(name) in package(line)
-        module = doctor._MODULES.get(name, name.replace("-", "_"))
-        with monkeypatch.context() as patch:
-            patch.setitem(sys.modules, module, None)
-            problem = refused(functools.partial(package, line))
-        remedy = f"pip install '{name}{Requirement(line).specifier}' --force-reinstall"
-        assert problem.remedy == remedy
-
-
 @pytest.mark.parametrize(
     ("line", "sentence", "remedy"),
     [
@@ -107,8 +95,7 @@ def test_a_mujoco_that_breaks_dm_control_or_an_arena_is_missing(monkeypatch):
         problem = refused(doctor.all_probes()["physics"])
     assert "does not compile (AttributeError: 'MjModel' object has no" in str(problem)
     monkeypatch.setattr(mujoco, "__version__", "4.0.0")
-    for name in ("mujoco", "physics"):
-        refused(doctor.all_probes()[name])
+    refused(doctor.all_probes()["physics"])
 
 
 @LINUX

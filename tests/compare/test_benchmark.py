@@ -39,7 +39,9 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         assert brain.raw_signals == brain.raw_reward == (track == "raw")
     for plan in plans.values():
         assert plan.experiment.cohort_size == 60 and plan.experiment.seed == 61010
-        assert plan.experiment.kinematics == Kinematics(felt="pushed", wall="slips", lag=0.08)
+        assert plan.experiment.kinematics == Kinematics(
+            felt="pushed", wall="slips", lag=0.08, pieces=1
+        )
 
 
 @pytest.mark.parametrize(

@@ -73,13 +73,28 @@ class DQN(OnlineLearner):
             self._target.copy_(self.networks.flat)
 
 
-@tunable(
-    rate=Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
-    discount=Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
-    epsilon=epsilon(0.05),
-    epsilon_steps=epsilon_steps(7200.0),
-    hidden=hidden(),
-)
+class DQNWithoutReplay(DQN):
+    """DQN that learns from each transition once: its memory holds only the last one."""
+
+    REPLAY, BATCH = 1, 1
+
+
+_SETTINGS = {
+    "rate": Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
+    "discount": Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
+    "epsilon": epsilon(0.05),
+    "epsilon_steps": epsilon_steps(7200.0),
+    "hidden": hidden(),
+}
+
+
+@tunable(**_SETTINGS)
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015)."""
     return DQN(robots, senses, seed, **settings)
+
+
+@tunable(**_SETTINGS)
+def dqn_no_replay(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
+    """`dqn` without its memory: it learns from the last transition only."""
+    return DQNWithoutReplay(robots, senses, seed, **settings)
