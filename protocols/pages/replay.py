@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -231,10 +232,10 @@ class Relived:
         if not 0 <= steps < cohort.steps:
             last = cohort.steps / control_steps(1)
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
-        with StepProgress(f"living {minute:g} minutes", steps) as progress:
+        with StepProgress(f"living {minute:g} minutes", math.ceil(minute)) as progress:
             while cohort.step < steps:
                 cohort.advance(min(control_steps(1), steps - cohort.step))
-                progress.advance(control_steps(1))
+                progress.advance()
         return cls(cohort, robot)
 
     @property
