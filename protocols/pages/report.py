@@ -138,15 +138,15 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            for phase, when in BRAINS_OF_TESTS.items():
-                path = folder / f"{task}_{kind}_{when}_training_x{speed:g}.mp4"
-                captions[path.name] = (
-                    f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
-                    f"{when} training, {speed:g} times as fast as it was"
-                )
-                if path not in _kept(folder):
-                    episode = StoredRobot(run, condition, example.robot, phase).episode()
-                    films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
+            path = folder / f"{task}_{kind}_x{speed:g}.mp4"
+            captions[path.name] = (
+                f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
+                f"before and after training, {speed:g} times as fast as it was"
+            )
+            if path not in _kept(folder):
+                robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
+                episodes = [robot.episode() for robot in robots]
+                films.film(episodes, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed and not any(folder.iterdir()):
                 folder.rmdir()
@@ -155,13 +155,10 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
 
 
 def _kept(folder: Path) -> list[Path]:
-    """Returns the films of a folder, a robot's film before its training first.
-
-    A link could lead to any file of the reader's.
-    """
+    """Returns the films of a folder, without links, which could lead to any file."""
     found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
     kept = (path for path in found if path.is_file() and not path.is_symlink())
-    return sorted(kept, reverse=True)  # by name, "before" comes behind "after"
+    return sorted(kept)
 
 
 # ---- The page ----

@@ -86,10 +86,12 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
     assert relived.when == f"minute {start / 600:g}"
     moments = [*relived.moments()]
     assert len(moments) == relived.cohort.steps - start
-    lived = run.results[condition].events
-    np.testing.assert_array_equal(relived.cohort.lives().events, lived)
+    lived = run.results[condition].networks["after"]
+    for name, weights in relived.cohort.agent.weights().items():
+        np.testing.assert_array_equal(weights, lived[name])
     last = relived.batch.rules.event(relived.batch.sensordata)[1]
-    assert start or round(moments[-1].event_seconds * 10 + last) == lived[1].sum()
+    counted = relived.cohort.lives().events[1].sum()
+    assert start or round(moments[-1].event_seconds * 10 + last) == counted
     with pytest.raises(InputError, match="the life has minutes from 0 to"):
         Relived.at(run, condition, 1, 1.0)
 
