@@ -184,8 +184,8 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
     axis.set_xlim(-1.45, 1.45)  # room for the labels of the bars at the ends
     axis.set_yticks([0, 0.5, 1])
-    in_per_cent(axis, 1.15)
-    mean = f", mean {values.mean():z.2f}" if len(values) else ""
+    in_per_cent(axis, 1.25)
+    mean = f", mean {values.mean():{'z.2g' if run.few else 'z.2f'}}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
 
