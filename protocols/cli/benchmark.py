@@ -14,8 +14,8 @@ _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
-_RAW = "raw: smell and reward before they saturate (paper)"
-_TUNED = "folders of `musebot benchmark tune` (default settings)"
+_RAW = "paper, or raw: smell and reward before they saturate (paper)"
+_TUNED = "folders of `musebot benchmark tune`; others have default settings"
 _SCALE = "factor on every duration, in (0, 1] (1)"
 
 
@@ -55,9 +55,11 @@ class Run(_Conducted):
     study = "benchmark", "Benchmark"
 
     out: Path = argument(_OUT, "OUT")
-    life: tuple[str, ...] = option((), "of body, drift, tasks, senses (body, tasks, drift)", "LIFE")
+    life: tuple[str, ...] = option(
+        (), "lives that change: body, drift, tasks, senses (body, tasks, drift)", "LIFE"
+    )
     agent: tuple[str, ...] = option(
-        (), "paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
+        (), "learners: paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
     signals: str = option("paper", _RAW, choices=_SIGNALS)

@@ -37,7 +37,7 @@ class Run:
         (), "`musebot list lives`, or a TOML file (the paper's two)", "LIFE", group=_WHO
     )
     proposer: tuple[str, ...] = option(
-        (), "of actions: fixed, random, creative (all)", "NAME", group=_WHO
+        (), "how to propose actions: fixed, random, creative (all)", "NAME", group=_WHO
     )
     agent: tuple[str, ...] = option(
         (), "`musebot list agents`, or package.module:factory", "AGENT", group=_WHO
@@ -60,7 +60,7 @@ class Run:
     )
     seed: int | None = option(None, "seed of all random streams (1)", "N", group=_WORLD)
     set: tuple[str, ...] = option(
-        (), "others: brain.epsilon=0.1 (docs/reference/experiment)", "NAME=X", group=_WORLD
+        (), "fields, as brain.epsilon=0.1 (docs/reference/experiment)", "NAME=X", group=_WORLD
     )
     config: Path | None = option(
         None, "such values: a TOML file, or experiment.json of a run", "FILE", group=_WORLD

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...tasks.lives import LIVES, STAGES, Life, control_steps
+from ...tasks.lives import LIVES, STAGES, Life, Stage, control_steps
 from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
@@ -78,7 +78,7 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     """Marks the tests and the training, and names them along the upper axis."""
     life = experiment.life_of(task)
-    parts = [part for part in STAGES if life.steps_of(part)]
+    parts: list[Stage] = [part for part in STAGES if life.steps_of(part)]
     hours = [life.steps_of(part) / control_steps(60) for part in parts]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
@@ -184,8 +184,8 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
     axis.set_xlim(-1.45, 1.45)  # room for the labels of the bars at the ends
     axis.set_yticks([0, 0.5, 1])
-    in_per_cent(axis, 1.15)
-    mean = f", mean {values.mean():z.2f}" if len(values) else ""
+    in_per_cent(axis, 1.25)
+    mean = f", mean {values.mean():{'z.2g' if run.few else 'z.2f'}}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
 

@@ -141,7 +141,7 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
             path = folder / f"{task}_{kind}_x{speed:g}.mp4"
             captions[path.name] = (
                 f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
-                f"before and after training, {speed:g} times as fast as it was"
+                f"before and after training, {speed:g} times real time"
             )
             if path not in _kept(folder):
                 robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
@@ -183,6 +183,7 @@ def page(
     return environment.get_template(_TEMPLATE.name).render(
         name=printable(run.name),
         summary=_summary(run),
+        few=run.few,
         facts=_facts(run),
         made=f"musebot {__version__}",
         text=Markup(MarkdownIt("js-default").render(text)),

@@ -26,11 +26,11 @@ def run(tmp_path_factory, in_process):
     return directory
 
 
-def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
+def test_tables_of_few_robots_stand_alone_and_name_a_rehearsal(run, capsys):
     assert cli.main(["tables", str(run)]) == 0
     text = capsys.readouterr().out
     assert "Wall avoidance (table 1), all durations times 0.002" in text
-    assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
+    assert "fewer than 20 robots" in text and "| fixed |" in text and "260 (52%)" not in text
     assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
     assert capsys.readouterr().out == text == (run / "tables.md").read_text()
     assert cli.main(["tables", str(run), "--json"]) == 0
