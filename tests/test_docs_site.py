@@ -1,7 +1,6 @@
 """The documents: pages match the code, links lead somewhere, commands parse."""
 
 import dataclasses
-import json
 import re
 import runpy
 import shlex
@@ -24,24 +23,13 @@ from musebot.tasks.lives import CHANGING
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-BUILT = "reference/notebooks/"  # pages that are made for each site, and not committed
-NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
 sys.path.append(str(DOCS / "generator"))
 import check_site  # noqa: E402
-import notebook_pages  # noqa: E402
+import tutorial_notebook  # noqa: E402
 
-
-def text_of(path):
-    """Returns the text of a document: of a notebook, its cells of text."""
-    if path.suffix != ".ipynb":
-        return path.read_text()
-    cells = json.loads(path.read_text())["cells"]
-    return "\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
-
-
-SITE = sorted(path for path in DOCS.rglob("*.md") if BUILT not in path.as_posix())
-PAGES = {path: text_of(path) for path in (*ROOT.glob("*.md"), *SITE, *NOTEBOOKS)}
+SITE = sorted(DOCS.rglob("*.md"))
+PAGES = {path: path.read_text() for path in (*ROOT.glob("*.md"), *SITE)}
 
 
 # Pages and links
@@ -65,7 +53,7 @@ def test_the_menu_and_the_list_of_studies_name_every_page_once():
     names += [f"studies/{row}" for row in [*rows, "index.md"]]
     pages = [path.relative_to(DOCS).as_posix() for path in SITE]  # runs.md has those of results
     pages = [name for name in pages if not name.startswith("results/")]
-    assert sorted(names) == sorted(pages + [f"{BUILT}{path.stem}.md" for path in NOTEBOOKS])
+    assert sorted(names) == sorted(pages)
 
 
 def anchors(text):
@@ -204,13 +192,7 @@ def test_the_life_of_the_guide_is_read_and_changes(tmp_path):
     assert re.findall(r"^\| `(\w+)` \| [^|]+ \|$", text, re.MULTILINE) == [*LIFE_INFO]
 
 
-def test_a_notebook_is_small_and_its_page_shows_its_pictures():
-    folder, files = DOCS / BUILT, notebook_pages.files(DOCS)
-    for path in NOTEBOOKS:
-        name, text = path.stem, path.read_text()
-        assert len(text) < 300_000 and not re.search(r"/(home|root|tmp|work)/", text)
-        page = files[folder / f"{name}.md"].decode()
-        pictures = re.findall(rf"\]\(({name}-[\w-]+\.\w+)\)", page)
-        shown = {"creative-life": "png png gif", "first-robot": "png", "ppo": ""}[name]
-        assert [picture[-3:] for picture in pictures] == shown.split()
-        assert all(files[folder / picture] for picture in pictures)
+def test_the_notebook_is_the_tutorial():
+    made = tutorial_notebook.notebook(DOCS)
+    kept = (DOCS / "notebooks" / "tutorial.ipynb").read_text()
+    assert kept == made, "run: python docs/generator"

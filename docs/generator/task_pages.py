@@ -1,4 +1,4 @@
-"""A page for each task, and the gallery."""
+"""A page for each task."""
 
 from __future__ import annotations
 
@@ -42,16 +42,14 @@ POLICY_STEPS = 327_680
 
 def pages(docs: Path) -> dict[str, str]:
     """Returns the pages by their path below `docs/reference`."""
-    earned = dict(_earned((docs / "tasks.md").read_text()))
-    made = {f"tasks/{name}.md": _page(TASKS[name], earned) for name in TASKS if name in SUITE}
-    return {"gallery.md": _gallery(earned), **made}
+    earned = _earned((docs / "tasks.md").read_text())
+    return {f"tasks/{name}.md": _page(TASKS[name], earned) for name in TASKS if name in SUITE}
 
 
-def _earned(written: str) -> list[tuple[str, tuple[str, str]]]:
-    """Returns the mean rewards a step of random actions and of PPO, from docs/tasks.md."""
-    _, _, section = written.partition("\n## What learners earn\n")
-    rows = re.findall(r"^\| (\w+) \| ([^|]*) \| ([^|]*)\|$", section, re.MULTILINE)
-    return [(name, (random.strip(), ppo.strip())) for name, random, ppo in rows if name in SUITE]
+def _earned(written: str) -> dict[str, list[str]]:
+    """Returns the mean rewards per step of random actions and of PPO, from docs/tasks.md."""
+    row = r"^\|.+\(reference/tasks/(\w+)\.md\).+\| (.+) \| (.+) \|$"
+    return {name: earned for name, *earned in re.findall(row, written, re.MULTILINE)}
 
 
 def _gymnasium_id(name: str) -> str:
@@ -59,7 +57,7 @@ def _gymnasium_id(name: str) -> str:
     return ids[name]
 
 
-def _page(definition: TaskDefinition, earned: dict[str, tuple[str, str]]) -> str:
+def _page(definition: TaskDefinition, earned: dict[str, list[str]]) -> str:
     name, rules = definition.name, definition.rules
     signals, places, start = [], [], 0
     for signal, (length, low, high) in rules.shapes.items():
@@ -74,7 +72,7 @@ def _page(definition: TaskDefinition, earned: dict[str, tuple[str, str]]) -> str
     action = (*action, f"speed of the wheel: {0.2 / limit:g} m/s times the action")
     columns = ("shape", "min:", "max:", "unit", "meaning")
     low, high = rules.rewards
-    random, ppo = (value or "not measured" for value in earned[name])
+    random, ppo = earned[name]
     return f"""# {name}
 
 {NAMES["tasks"][name]}
@@ -134,7 +132,7 @@ env = gymnasium.make("{_gymnasium_id(name)}")
 robots = gymnasium.make_vec("{_gymnasium_id(name)}", num_envs=50)
 ```
 
-Interfaces, keywords and `info`: [the tasks](../../tasks.md). All tasks: [gallery](../gallery.md).
+Interfaces, keywords and `info`: [the tasks](../../tasks.md).
 """
 
 
@@ -175,20 +173,3 @@ def _start(definition: TaskDefinition) -> str:
         drawn.append(f"Pillars (x, y, radius in metres): {pillars}.")
     drawn.append("No episode ends before its last step.")
     return f"{' '.join(drawn)} Keywords of the task: {keywords}."
-
-
-def _gallery(earned: dict[str, tuple[str, str]]) -> str:
-    cells, says = [], NAMES["tasks"]
-    for name in SUITE:
-        random, ppo = (value.partition(" ")[0] or "-" for value in earned[name])
-        film = f"[![A trained policy in {name}](../images/{name}.gif)](tasks/{name}.md)"
-        described = f"[{name}](tasks/{name}.md)<br>{says[name]}"
-        cells.append((film, described, random, ppo))
-    text = table(("film", "task", "random:", "PPO:"), cells)
-    return f"""# Gallery of the tasks
-
-The films show the policies that musebot brings, trained by PPO. The numbers are mean
-rewards per step; their intervals and the code that measured them are in
-[what learners earn](../tasks.md#what-learners-earn).
-
-{text}"""

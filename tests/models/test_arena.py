@@ -232,6 +232,19 @@ def test_pymjcf_compiles_the_same_arena(model):
     assert ours.sensor("touch").data[0] > 0
 
 
+def test_pymjcf_attaches_the_robot_without_its_joint():
+    world = mjcf.RootElement(model="world")
+    world.option.integrator, world.option.timestep = "implicitfast", 0.005
+    world.worldbody.add("geom", type="plane", size=[1, 1, 0.1])
+    robot = mjcf.from_path(str(ROBOT_XML))
+    robot.find("joint", "robot").remove()
+    world.attach(robot).add("freejoint")
+    physics = mjcf.Physics.from_mjcf_model(world)
+    physics.bind(robot.find_all("actuator")).ctrl = 0.5
+    physics.step(200)
+    assert 0.15 < physics.bind(robot.find("body", "robot")).xpos[0] < 0.2  # a second at 0.2 m/s
+
+
 def test_the_robot_can_be_included_by_an_arena(tmp_path):
     path = tmp_path / "mine.xml"
     path.write_text(f'<mujoco><include file="{ROBOT_XML}"/></mujoco>')

@@ -1,11 +1,9 @@
 """The Gymnasium environments fulfil its contract, and the batch equals single environments."""
 
 import contextlib
-import re
 import subprocess
 import sys
 import warnings
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -29,10 +27,7 @@ def name(request):
     return request.param
 
 
-def test_every_task_has_one_id_and_every_entry_of_info_is_documented():
-    page = (Path(__file__).parents[2] / "docs" / "tasks.md").read_text()
-    rows = re.findall(r"^\| `(\w+)` \| (?:\(2,\)|number|Boolean) \|", page, re.MULTILINE)
-    assert rows == list(INFO)
+def test_every_task_has_one_id():
     assert sorted(musebot.GYMNASIUM_TASKS.values()) == sorted(SUITE)
     assert all(gymnasium.spec(i).max_episode_steps == 1000 for i in IDS)
 

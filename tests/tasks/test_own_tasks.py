@@ -24,7 +24,7 @@ from musebot.tasks.wall_avoidance import WallAvoidanceRules
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
-PAGE = Path(__file__).parents[2] / "docs" / "own-task.md"
+PAGE = Path(__file__).parents[2] / "docs" / "own.md"
 EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL)
 
 
@@ -318,7 +318,7 @@ assert ArenaEnv("my_tasks:racing").observation_space.shape == (5,)
 
 @pytest.mark.slow
 def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path):
-    module, use = EXAMPLES
+    module, use, *_ = EXAMPLES
     # The pillar stops a robot that drives at it, and earns nothing.
     use += (
         'env = musebot.load("arena", "racing", {"robot": (-0.3, 0.0, 0.0)})\n'
