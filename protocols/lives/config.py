@@ -38,7 +38,7 @@ READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             {
                 "body": "kinematic",
                 "kinematics": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
-                "nose": "printed",
+                "nose": "inverse",
                 "nose_place": "centre",
             }
         ),
