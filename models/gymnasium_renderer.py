@@ -44,7 +44,9 @@ class ArenaRenderer(MujocoRenderer):
         """Draws the window, or returns a picture; see Gymnasium's `MujocoRenderer`."""
         if render_mode != "human":
             choose_backend()
-            return super().render(render_mode)
+            picture = super().render(render_mode)
+            leave_egl()
+            return picture
         check_process()
         leave_egl()
         super().render(render_mode)

@@ -11,13 +11,28 @@ import functools
 import importlib
 import os
 import sys
+import threading
 import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 
-_drew_in: int | None = None  # process in which OpenGL was opened first
+_drew = False  # whether musebot opened OpenGL in this process or in one that it was forked from
+_forked = False  # whether this process was forked after anybody opened OpenGL
+
+
+def _note_fork() -> None:
+    global _forked
+    mujoco_egl, suite = map(sys.modules.get, ("mujoco.egl", "dm_control._render.base"))
+    others = getattr(mujoco_egl, "EGL_DISPLAY", None) or getattr(
+        suite, "_CURRENT_THREAD_FOR_CONTEXT", None
+    )
+    _forked = _forked or _drew or bool(others)
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows
+    os.register_at_fork(after_in_child=_note_fork)
 
 
 def check_process() -> None:
@@ -25,7 +40,7 @@ def check_process() -> None:
 
     A picture would never end there.
     """
-    if _drew_in not in (None, os.getpid()):
+    if _forked:
         raise RuntimeError(
             "OpenGL cannot be used in a process that was forked after a picture was drawn: start "
             "processes with the context 'spawn', or draw the first picture after the fork"
@@ -48,6 +63,7 @@ try:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # dm_control looks for a display; GLFW warns of its absence
         from dm_control import _render
+        from dm_control._render import base
 except ModuleNotFoundError as error:
     if error.name != "dm_control":
         raise
@@ -61,9 +77,14 @@ EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 DRAWS_NOTHING = ("off", "disable", "disabled", "false", "0")  # values of MUJOCO_GL
 
 
+def has_display() -> bool:
+    """Returns whether there is a display, which may still not answer."""
+    return sys.platform != "linux" or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
+
+
 def no_window() -> str:
     """Returns why no window can be opened, in half a sentence; "" if one can be opened."""
-    if sys.platform == "linux" and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+    if not has_display():
         return "there is no display to open a window on"
     try:
         import glfw
@@ -82,10 +103,10 @@ def choose_backend() -> str:
     "" stands for the default of a machine with a display. Raises RuntimeError where the backend
     draws nothing, or cannot be opened here or in a forked process.
     """
-    global _drew_in
+    global _drew
     check_process()
     backend = _chosen_backend()
-    _drew_in = os.getpid()
+    _drew = True
     return backend
 
 
@@ -108,26 +129,36 @@ def _chosen_backend() -> str:
 def open_context(width: int, height: int) -> Any:
     """Returns an OpenGL context of dm_control's for pictures up to a size, see `choose_backend`."""
     # dm_control chose a backend when it was imported; MUJOCO_GL may have been set since.
-    renderer = _egl_context() if choose_backend() == "egl" else _render.Renderer
+    is_egl = choose_backend() == "egl"
+    renderer = _egl_context() if is_egl else _render.Renderer
     if _render.BACKEND == "glfw":
         no_window()  # initialises GLFW again after Gymnasium has closed a window
     if not isinstance(renderer, type):
         raise RuntimeError("dm_control was imported without OpenGL: set MUJOCO_GL to 'egl'")
-    shared: Any = type("Context", (_Shared, renderer), {})
+    shared: Any = type("Context", (_Shared, renderer), {"_is_egl": is_egl})
     return shared(width, height)
 
 
 class _Shared:
     """A context of dm_control's in a process where others open contexts, too.
 
-    dm_control only remembers which of its own contexts is current.
+    dm_control only remembers which of its own contexts is current, and in which thread. A context
+    of EGL is released after each picture, so that the next may be drawn in any thread.
     """
+
+    _is_egl: bool
 
     @contextlib.contextmanager
     def make_current(self) -> Iterator[Any]:
         with super().make_current() as executor:  # type: ignore[misc]
             executor.call(self._platform_make_current)  # type: ignore[attr-defined]
-            yield executor
+            try:
+                yield executor
+            finally:
+                if self._is_egl:
+                    leave_egl()
+                    base._CURRENT_CONTEXT_FOR_THREAD.pop(threading.current_thread(), None)
+                    base._CURRENT_THREAD_FOR_CONTEXT.pop(id(self), None)
 
 
 @functools.cache
@@ -154,7 +185,10 @@ def no_egl(error: Exception) -> str:
 
 
 def leave_egl() -> None:
-    """Releases this thread's EGL context: X11 stops a process that then makes a window current."""
+    """Releases this thread's EGL context: then another thread may draw with it.
+
+    X11 stops a process that makes a window current before.
+    """
     if egl := sys.modules.get("OpenGL.EGL"):
         egl.eglReleaseThread()
 

@@ -33,6 +33,16 @@ class Interrupted(Exception):
     """A simulation was asked to stop; everything simulated so far is in its checkpoints."""
 
 
+def check_name(what: str, name: object, known: Iterable[str]) -> None:
+    """Raises InputError unless a name is one of the known ones, of `what`, such as "task"."""
+    names = [*known]
+    if name in names:
+        return
+    if isinstance(name, str) and (question := similar(name, names)):
+        raise InputError(f"there is no {what} {name!r:.60}; {question}")
+    raise InputError(f"the {what} must be one of {', '.join(names)}, got {name!r:.60}")
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Returns the question whether a similar name was meant, or the names that there are."""
     names = [*known]

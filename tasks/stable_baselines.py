@@ -16,9 +16,11 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import EPISODE_STEPS, USUAL_STEPS
+from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
-from .gymnasium_env.common import FPS, task_name
+from .gymnasium_env.attributes import METHODS
+from .gymnasium_env.common import FPS, LIFE_INFO, shared_options, task_name
+from .suite import LIFE_DOMAIN
 
 
 class ArenaVecEnv(VecEnv):
@@ -36,17 +38,21 @@ class ArenaVecEnv(VecEnv):
 
         Args:
           task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id; MODULE: before it
-            imports a module that registers it.
+            imports a module that registers it; "life" with the keyword `life`.
           num_envs: Number of robots, B.
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.
         """
-        name = task_name(task)
-        kwargs = {"max_episode_steps": EPISODE_STEPS.get(name, USUAL_STEPS), **kwargs}
+        is_life = task in (LIFE_DOMAIN, LIFE_ID)
+        name = LIFE_DOMAIN if is_life else task_name(task)
+        steps = None if is_life else EPISODE_STEPS.get(name, USUAL_STEPS)
+        kwargs = {"max_episode_steps": steps, **kwargs}
         mode = AutoresetMode.SAME_STEP
         self._robots = ArenaVectorEnv(name, num_envs, autoreset_mode=mode, **kwargs)
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
+        ids = {task: f"musebot/{name}" for name, task in GYMNASIUM_TASKS.items()}
+        robots.spec = gymnasium.registry.get(LIFE_ID if is_life else ids.get(name, ""))
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
         metadata: dict[str, Any] = self.metadata
         metadata["render_fps"] = FPS  # `VecVideoRecorder` reads it
@@ -57,10 +63,8 @@ class ArenaVecEnv(VecEnv):
         The seeds are those set by `seed`; options set by `set_options` hold for these episodes.
         Raises what `ArenaVectorEnv.reset` raises, and ValueError where the robots' options differ.
         """
-        first, *others = self._options
-        if not all(_equal(options, first) for options in others):
-            raise ValueError("options must be the same for all robots of a batch")
-        observations, info = self._robots.reset(seed=self._seeds, options=first)
+        options = shared_options(self._options)
+        observations, info = self._robots.reset(seed=self._seeds, options=options)
         self.reset_infos = [_of(info, robot) for robot in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -94,10 +98,23 @@ class ArenaVecEnv(VecEnv):
         return list(self._robots.render() or [None] * self.num_envs)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise AttributeError(f"robots of a batch have no attributes of their own, got {attr_name}")
+        """Sets an attribute of all robots, see `ArenaVectorEnv.set_attr`."""
+        self._all(indices)
+        self._robots.set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        raise AttributeError(f"robots of a batch have no methods of their own, got {method_name}")
+        """Returns what a method of robots returns, see `ArenaVectorEnv.call`."""
+        if method_name not in METHODS:
+            raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
+        if method_name == "set_wrapper_attr":
+            self._all(indices)
+        values = self._robots.call(method_name, *args, **kwargs)
+        return [values[robot] for robot in self._get_indices(indices)]
+
+    def _all(self, indices: Any) -> None:
+        """Raises ValueError unless indices are those of all robots."""
+        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
+            raise ValueError("attributes can be set of all robots of a batch only")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
@@ -106,13 +123,6 @@ class ArenaVecEnv(VecEnv):
 
 
 def _of(info: Mapping[str, Any], robot: Any) -> dict[str, Any]:
-    """Returns the entries of `INFO` of a robot."""
-    return {name: info[name][robot] for name in INFO}
-
-
-def _equal(ours: Mapping[str, Any] | None, theirs: Mapping[str, Any] | None) -> bool:
-    """Returns whether two robots have the same options, some of which may be arrays."""
-    ours, theirs = ours or {}, theirs or {}
-    return ours.keys() == theirs.keys() and all(
-        np.array_equal(value, theirs[name]) for name, value in ours.items()
-    )
+    """Returns the entries of `INFO`, in a life also those of `LIFE_INFO`, of a robot."""
+    names = [name for name in (*INFO, *LIFE_INFO) if name in info]
+    return {name: info[name][robot] for name in names}

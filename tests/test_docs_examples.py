@@ -18,6 +18,7 @@ CHECKS = {
     "command": ["assert run.experiment.brain.ideas == 9 and len(run.robots(condition)) == 2"],
     "faq": ["assert abs(left) <= 0.5 and abs(right) <= 0.5"],
     "methods": ["assert run.curves(creative).shape == (500, 360) and robot.agent()"],
+    "results": ["assert np.round(means, 2).tolist() == [-0.31, -0.29]  # README's last row"],
     "install": ["assert picture.shape == (240, 360, 3) and frame.shape == (320, 480, 3)"],
     "tasks": [
         "assert total > 150",  # the policies in the examples earn something

@@ -150,3 +150,16 @@ class Wrapper(Agent):
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         self.agent.load_weights(arrays)
+
+
+class Recorder(Wrapper):
+    """An agent whose motor values are kept in the list `motors`."""
+
+    def __init__(self, agent: Agent) -> None:
+        super().__init__(agent)
+        self.motors: list[np.ndarray] = []
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        motors = self.agent.act(state, learning)
+        self.motors.append(motors.copy())
+        return motors

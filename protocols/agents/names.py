@@ -68,8 +68,8 @@ def recorded_name(name: str) -> str:
     known = {**RECORDED_NAMES, **registered_names()}
     if name not in known:
         raise InputError(
-            f"there is no agent {name!r:.60}: {nearest(name, known)}; a factory of yours is named "
-            "as package.module:factory"
+            f"there is no agent {name!r:.60}, and a factory of yours is named as "
+            f"package.module:factory; {nearest(name, known)}"
         )
     return known[name]
 

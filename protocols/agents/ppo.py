@@ -16,7 +16,7 @@ import torch
 
 from ...controller.senses import Senses
 from ...tasks.suite import TASKS
-from ..errors import DamagedFileError, InputError
+from ..errors import DamagedFileError, InputError, check_name
 from ..examples import POLICIES
 from ..storage import Shapes, digest, load_arrays
 from .base import Agent
@@ -178,8 +178,7 @@ def policy_file(task: str) -> Path:
     Raises:
       InputError: there is no such task, or no policy for it.
     """
-    if task not in TASKS:
-        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
+    check_name("task", task, TASKS)
     if not (path := POLICIES / f"{task}.safetensors").exists():
         raise InputError(
             f"musebot brings no policy for {task}: `musebot benchmark ppo` trains some"

@@ -112,8 +112,11 @@ def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cel
 
 def _measures(run: Run, condition: Condition) -> dict[str, np.ndarray]:
     """Returns each valid robot's value by name of the cell, shape (n,); bool for categories."""
+    life = run.experiment.life_of(condition.task)
+    if not life.tested:
+        return {f"share of time {life.event}": run.life_shares(condition)}
     kinds = np.array(run.classes(condition), dtype=object)
-    *names, _, _, post = row_names(run.experiment.life_of(condition.task))[1:]
+    *names, _, _, post = row_names(life)[1:]
     return {
         **{name: kinds == kind for name, kind in zip(names, CATEGORIES, strict=True)},
         "mean L": run.abilities(condition),

@@ -14,9 +14,9 @@ _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
-_RAW = "paper, or raw: smell and reward before they saturate"
-_TUNED = "folders of `musebot benchmark tune`; other learners have their default settings"
-_SCALE = "factor on every duration, in (0, 1]; below 1 for rehearsals (1)"
+_RAW = "paper, or raw: smell and reward before they saturate (paper)"
+_TUNED = "folders of `musebot benchmark tune`; others have default settings"
+_SCALE = "factor on every duration, in (0, 1] (1)"
 
 
 class _Conducted:
@@ -55,16 +55,16 @@ class Run(_Conducted):
     study = "benchmark", "Benchmark"
 
     out: Path = argument(_OUT, "OUT")
-    life: tuple[str, ...] = option((), "lives that change (body, tasks, drift)", "LIFE")
+    life: tuple[str, ...] = option(
+        (), "lives that change: body, drift, tasks, senses (body, tasks, drift)", "LIFE"
+    )
     agent: tuple[str, ...] = option(
-        (), "learners: agents, or a brain, paper or steady (all of ours, without ppo)", "NAME"
+        (), "learners: paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
-    signals: str = option("paper", f"{_RAW} (paper)", choices=_SIGNALS)
-    body: str = option("kinematic", "body of the robot (kinematic)", choices=_BODIES)
-    robots: int = option(
-        60, "robots of each learner: at most 60, or a multiple; in MuJoCo of 30 (60)", "N"
-    )
+    signals: str = option("paper", _RAW, choices=_SIGNALS)
+    body: str = option("kinematic", "mujoco or kinematic (kinematic)", "NAME", choices=_BODIES)
+    robots: int = option(60, "robots of each learner: up to 60 or a multiple; MuJoCo: 30 (60)", "N")
     seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     backend: str = option(
@@ -88,14 +88,14 @@ class Tune(_Conducted):
 
     out: Path = argument(_OUT, "OUT")
     agent: str = option(
-        dataclasses.MISSING, "name of the agent, or package.module:factory", "AGENT"
+        dataclasses.MISSING, "`musebot list agents`, or package.module:factory", "AGENT"
     )
-    signals: str = option("paper", f"{_RAW} (paper)", choices=_SIGNALS)
+    signals: str = option("paper", _RAW, choices=_SIGNALS)
     life: str = option("spot_finding", "life of all robots (spot_finding)", "LIFE")
     trials: int = option(16, "number of settings that are tried (16)", "N")
     kept: int = option(4, "number of settings that are simulated again (4)", "N")
-    robots: int = option(20, "robots of a trial in the second round; half in the first (20)", "N")
-    seed: int = option(32001, "seed of the first round; the second has the next (32001)", "N")
+    robots: int = option(20, "robots of a trial in round two; half in round one (20)", "N")
+    seed: int = option(32001, "seed of round one; round two has the next (32001)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)

@@ -11,7 +11,7 @@ from ..terminal import say
 from .options import argument, option
 
 if TYPE_CHECKING:
-    from ..pages.replay import Episode
+    from ..pages.replay import Episode, Relived
 
 
 @dataclasses.dataclass
@@ -38,7 +38,12 @@ class Film:
     )
     robot: int = option(0, "number of the robot within its condition, or of the policy (0)", "N")
     phase: str = option(
-        "post", "the robot before (pre) or after (post) training (post)", choices=("pre", "post")
+        "post",
+        "the robot before (pre) or after (post) training, or both side by side (post)",
+        choices=("pre", "post", "both"),
+    )
+    minute: float | None = option(
+        None, "instead: the robot in its life, which is simulated again up to this minute", "X"
     )
     seconds: float = option(30.0, "length of the film in seconds (30)", "X")
     speed: float = option(4.0, "simulated seconds per second of the film (4)", "X")
@@ -50,13 +55,17 @@ class Film:
         """Renders without a display, through EGL."""
         from ..pages import film
 
-        film.film(self._episode(), self.output, seconds=self.seconds, speed=self.speed)
+        phases = ("pre", "post") if self.phase == "both" else (self.phase,)
+        if self.minute is not None:
+            phases = phases[:1]
+        episodes = [self._episode(phase) for phase in phases]
+        film.film(episodes, self.output, seconds=self.seconds, speed=self.speed)
         say(str(self.output))
 
-    def _episode(self) -> Episode:
+    def _episode(self, phase: str) -> Episode | Relived:
         from ..agents.ppo import Policies, policy_file
         from ..lives.run_files import read_run
-        from ..pages.replay import Episode, StoredRobot, robots_named
+        from ..pages.replay import Episode, Relived, StoredRobot, robots_named
 
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":
@@ -64,8 +73,12 @@ class Film:
         if source.suffix != ".safetensors" or source.is_dir():
             run = read_run(source, replay=True)
             condition = robots_named(self.task, self.proposer, self.agent)
-            return StoredRobot(run, condition, self.robot, self.phase, self.seed).episode()
+            if self.minute is not None:
+                return Relived.at(run, condition, self.robot, self.minute)
+            return StoredRobot(run, condition, self.robot, phase, self.seed).episode()
         if self.proposer or self.agent:
             raise InputError(f"{source} holds policies, which have no proposer and no agent")
+        if self.minute is not None:
+            raise InputError(f"{source} holds policies, which have no life: --minute is of a run")
         policies = Policies.load(source, self.task)
-        return Episode.of_policy(policies, self.robot, self.phase, self.seed)
+        return Episode.of_policy(policies, self.robot, phase, self.seed)

@@ -72,7 +72,8 @@ def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
     lines = [f"usage: {usage} [OPTION ..]", ""]
     lines += ["Creative robots that learn during their lives, in MuJoCo.", ""]
     lines += [f"  {verb:{width}}  {line}" for verb, (_, _, line) in verbs.items()]
-    lines += ["", f"`{usage} --help` explains a verb, `musebot --version` prints the version."]
+    lines += ["", f"`{usage} --help` explains a verb."]
+    lines += ["`musebot --version` prints the version."]
     return "\n".join(lines)
 
 
@@ -94,6 +95,11 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
     if left:
         if left[0].startswith("-"):
             known = [name for action in parser._actions for name in action.option_strings]
+            meant = [action.dest for action in parser._actions if not action.option_strings]
+            if left[0][2:] in meant:
+                raise InputError(f"{left[0]} is no option: its value stands without {left[0]}")
+            if left[0] == "--task" and "--life" in known:
+                raise InputError("there is no option --task; did you mean --life?")
             raise InputError(f"there is no option {left[0]}; {nearest(left[0], known)}")
         raise InputError(f"{left[0]!r} is one word too many")
     return command(**vars(values))
@@ -112,10 +118,10 @@ def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
         formatter_class=_Formatter,
     )
     hints = get_type_hints(command)
-    groups: dict[str, Any] = {}
+    groups: dict[str | None, Any] = {None: parser.add_argument_group()}  # the words, without title
     for field in dataclasses.fields(command):
         notes = field.metadata
-        group = notes["group"] or ("options" if notes["option"] else "arguments")
+        group = (notes["group"] or "options") if notes["option"] else None
         if group not in groups:
             groups[group] = parser.add_argument_group(group)
         _add(groups[group], field, hints[field.name])
@@ -193,11 +199,14 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Formatter(argparse.HelpFormatter):
-    """Help of at least 60 and at most 100 columns."""
+    """Help of at least 60 and at most 100 columns, without blank lines."""
 
     def __init__(self, prog: str) -> None:
         columns = shutil.get_terminal_size().columns - 2
         super().__init__(prog, max_help_position=26, width=max(_NARROW, min(columns, _WIDE)))
+
+    def format_help(self) -> str:
+        return "".join(line for line in super().format_help().splitlines(True) if line.strip())
 
     def _format_args(self, action: argparse.Action, default_metavar: str) -> str:
         if action.nargs == argparse.ONE_OR_MORE:

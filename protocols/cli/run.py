@@ -29,22 +29,18 @@ _WHO, _WORLD, _HOW = "who learns what", "brain and world", "how it is computed"
 class Run:
     """Simulate the robots that are missing in OUT; can be stopped and continued.
 
-    Options that are not given keep the values stored in OUT; in a new folder they have the defaults
-    below. Progress is shown on standard error.
+    Options that are not given keep the values in OUT, or have these defaults.
     """
 
     out: Path = argument("folder of the run", "OUT")
     life: tuple[str, ...] = option(
-        (),
-        "lives: `musebot list lives`, or a TOML file (wall_avoidance, spot_finding)",
-        "LIFE",
-        group=_WHO,
+        (), "`musebot list lives`, or a TOML file (the paper's two)", "LIFE", group=_WHO
     )
     proposer: tuple[str, ...] = option(
-        (), "how actions are proposed: fixed, random, creative (all)", "NAME", group=_WHO
+        (), "how to propose actions: fixed, random, creative (all)", "NAME", group=_WHO
     )
     agent: tuple[str, ...] = option(
-        (), "agents instead: `musebot list agents`, or package.module:factory", "AGENT", group=_WHO
+        (), "`musebot list agents`, or package.module:factory", "AGENT", group=_WHO
     )
     trust_agent: bool = option(
         False, "run the code of agents that only OUT or --config names", group=_WHO
@@ -64,14 +60,10 @@ class Run:
     )
     seed: int | None = option(None, "seed of all random streams (1)", "N", group=_WORLD)
     set: tuple[str, ...] = option(
-        (),
-        "any other value: brain.epsilon=0.1 signals=raw kinematics.lag=0.08 agent.discount=0.95; "
-        "see docs/reference/experiment.md",
-        "NAME=VALUE",
-        group=_WORLD,
+        (), "fields, as brain.epsilon=0.1 (docs/reference/experiment)", "NAME=X", group=_WORLD
     )
     config: Path | None = option(
-        None, "TOML file, or experiment.json of a run, with such values", "FILE", group=_WORLD
+        None, "such values: a TOML file, or experiment.json of a run", "FILE", group=_WORLD
     )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     device: str | None = option(None, "cpu, cuda or cuda:N (cpu)", "NAME", group=_HOW)

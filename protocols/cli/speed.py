@@ -23,11 +23,9 @@ from ...controller import BRAINS
 from ...tasks import Batch
 from ...tasks.batch import substeps_of
 from ...tasks.lives import PAPER_LIVES
-from ..agents.base import Agent, Wrapper
 from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import CohortKey, Condition
-from ..lives.device import decide
 from ..lives.experiment import Body, Experiment
 from ..lives.plan import Plan
 from ..lives.runs import check_device
@@ -162,24 +160,10 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
         yield labels | life(cohort, effort.steps(robots), effort.repetitions)
 
 
-class Recorder(Wrapper):
-    """An agent whose motor values are kept in the list `motors`."""
-
-    def __init__(self, agent: Agent) -> None:
-        super().__init__(agent)
-        self.motors: list[np.ndarray] = []
-
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        motors = self.agent.act(state, learning)
-        self.motors.append(motors.copy())
-        return motors
-
-
 def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
     """Times so many control steps of a cohort, and its physics alone; see `paired`."""
     batch = cohort.batch
-    recorder = cohort.agent = Recorder(cohort.agent)
-    cohort.decide = functools.partial(decide, recorder, batch)
+    recorder = cohort.recorded()
 
     def work() -> np.ndarray:
         recorder.motors.clear()

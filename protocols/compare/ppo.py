@@ -17,7 +17,7 @@ from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
 from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
 from ..agents.senses import senses_of
-from ..errors import InputError
+from ..errors import InputError, check_name
 from ..storage import save_arrays
 from .jobs import ArrayJob, Arrays, Progress
 from .study import Page, RunJobs, Study, check_positive
@@ -51,8 +51,7 @@ class PPOTraining(Study):
         most = 2**32 - self.policies
         if not 0 <= self.seed <= most:
             raise InputError(f"the seed must lie in [0, {most}], got {self.seed}")
-        if self.task not in TASKS:
-            raise InputError(f"the task must be one of {', '.join(TASKS)}, got {self.task!r}")
+        check_name("task", self.task, TASKS)
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
         own = {"task": self.task, "steps": self.steps, "seed": self.seed}

@@ -15,14 +15,13 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
-from ...fields import shown
 from ...models import Kinematics
 from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
 from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
-from ..errors import InputError, nearest
+from ..errors import InputError, check_name
 from ..lives.conditions import Condition, check_proposer
 from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
@@ -105,8 +104,7 @@ class Tune(Study):
         check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
-        if self.life not in LIVES:
-            raise InputError(f"there is no life {shown(self.life)}: {nearest(self.life, LIVES)}")
+        check_name("life", self.life, LIVES)
         check_proposer(self.condition.proposer)
         if self.condition.has_brain:
             raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")

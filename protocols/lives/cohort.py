@@ -14,7 +14,7 @@ from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
 from ...tasks.lives import STAGES, Leg, Phase, control_steps, enter, place
 from ...tasks.world import World
-from ..agents.base import Agent, sound
+from ..agents.base import Agent, Recorder, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
@@ -161,6 +161,13 @@ class Cohort:
     def advance(self, steps: int) -> None:
         """Simulates the given number of control steps, or fewer if the life ends before."""
         advance_together([self], steps)
+
+    def recorded(self) -> Recorder:
+        """Simulates step by step from now on; returns what keeps the robots' motor values."""
+        self._fused = None
+        recorder = self.agent = Recorder(self.agent)
+        self.decide = functools.partial(decide, recorder, self.batch)
+        return recorder
 
     def place(self, phase: Phase) -> None:
         """Places robots and spots as a phase says."""

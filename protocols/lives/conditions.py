@@ -8,7 +8,7 @@ import re
 from ...controller.parameters import PROPOSERS
 from ...fields import shown
 from ...tasks.lives import LIFE_NAME, LIVES
-from ..errors import InputError
+from ..errors import InputError, similar
 
 _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
@@ -75,7 +75,8 @@ class CohortKey:
 def check_proposer(name: str) -> None:
     """Raises InputError if a name is neither a proposer's nor in the form of an agent's factory."""
     if name not in PROPOSERS and not _FACTORY.fullmatch(name):
+        question = similar(name, PROPOSERS)
         raise InputError(
             f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
-            f"package.module:factory, got {name!r}"
+            f"package.module:factory, got {name!r}{question and f'; {question}'}"
         )

@@ -20,7 +20,7 @@ from ...fields import shown
 from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
 from ...tasks.suite import TASKS, task_definition
-from ..errors import InputError, nearest, similar
+from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
 from .experiment import Experiment
 from .plan import changed
@@ -38,7 +38,7 @@ READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
             {
                 "body": "kinematic",
                 "kinematics": Kinematics(wall="refuses", felt="pushed", pieces=1, path="euler"),
-                "nose": "printed",
+                "nose": "inverse",
                 "nose_place": "centre",
             }
         ),
@@ -55,17 +55,13 @@ _ROW = ("task", "proposer", "robots")
 
 def named_reading(name: str) -> Mapping[str, Any]:
     """Returns the fields of an experiment that a reading of the paper sets; InputError for none."""
-    if name not in READINGS:
-        raise InputError(f"the reading must be one of {', '.join(READINGS)}, got {shown(name)}")
+    check_name("reading", name, READINGS)
     return READINGS[name]
 
 
 def named_brain(name: str) -> Parameters:
     """Returns the parameters of a named brain; raises InputError where there is none."""
-    if name not in BRAINS:
-        if question := similar(name, BRAINS):
-            raise InputError(f"there is no brain {shown(name)}: {question}")
-        raise InputError(f"the brain must be one of {', '.join(BRAINS)}, got {shown(name)}")
+    check_name("brain", name, BRAINS)
     return BRAINS[name]
 
 

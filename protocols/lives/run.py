@@ -160,7 +160,7 @@ def check_lives(life: Life, lives: Lives) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Robot:
-    """A robot, a row of robots.csv.
+    """A robot, a row of robots.csv. In a life without tests all that tests measure is empty.
 
     Attributes:
       task: Task of the robot.
@@ -210,9 +210,10 @@ class ConditionResults:
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
         """Derives the results of a condition from what was measured of all its robots."""
         task, life = condition.task, experiment.life_of(condition.task)
-        pre, post = (lives.events[:, part] * CONTROL_TIMESTEP for part in (0, 2))
+        seconds = CONTROL_TIMESTEP if life.tested else math.nan  # of a control step of a test
+        pre, post = (lives.events[:, part] * seconds for part in (0, 2))
         found = np.where(lives.valid, learn_ability(pre, post, life.wanted), np.nan)
-        names = {"unmeasured": life.unmeasured}
+        names = {"unmeasured": life.unmeasured if life.tested else ""}
         kinds = [names.get(kind, kind) for kind in map(category, found)]
         robots = [
             Robot(
@@ -232,6 +233,8 @@ class ConditionResults:
         curves = (lives.minutes / steps).astype(np.float32)
         return cls(robots, curves, {"before": lives.before, "after": lives.after})
 
+
+FEW = 20  # robots; with fewer in a condition, nothing is tested or compared with the paper
 
 Results = Mapping[Condition, ConditionResults]
 """The results of each condition, in the order of the tables."""
@@ -262,6 +265,11 @@ class Run:
     def conditions(self) -> list[Condition]:
         """Returns the conditions that have robots, in the order of the tables."""
         return [*self.results]
+
+    @property
+    def few(self) -> bool:
+        """Whether a condition has fewer than `FEW` robots."""
+        return any(len(part.robots) < FEW for part in self.results.values())
 
     def tasks(self) -> list[str]:
         """Returns the tasks that have robots, in the order of the tables."""
@@ -303,6 +311,11 @@ class Run:
         """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
         times = [getattr(row, f"t_{part}_s") for row in self.valid(condition)]
         return np.array(times, dtype=float) / self.test_seconds(condition.task)
+
+    def life_shares(self, condition: Condition) -> np.ndarray:
+        """Returns each valid robot's share of its whole life in contact, or in the spot, (n,)."""
+        steps = self.experiment.life_of(condition.task).steps_of_minutes()
+        return self.curves(condition) @ (steps / steps.sum())
 
     def summary(self, condition: Condition) -> Summary:
         """Returns the column of table 1 or 2 that a condition fills."""

@@ -17,8 +17,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import DamagedFileError, InputError
 from ..storage import (
     Shapes,
@@ -87,8 +85,8 @@ def export_robots(directory: Path, experiment: Experiment, measured: Measured) -
     writer.writeheader()
     for part in results_of(experiment, measured).values():
         for robot in part.robots:
-            ability = "" if np.isnan(robot.learn_ability) else robot.learn_ability
-            writer.writerow(dataclasses.asdict(robot) | {"learn_ability": ability})
+            row = dataclasses.asdict(robot)
+            writer.writerow({name: "" if value != value else value for name, value in row.items()})
     write_atomically(directory / ROBOTS_FILE, text.getvalue().encode())
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...tasks.lives import LIVES, STAGES, Life, control_steps
+from ...tasks.lives import LIVES, STAGES, Life, Stage, control_steps
 from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
@@ -21,6 +21,7 @@ from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
 from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks
 
+_NAMES = {"pre": "test", "training": "training", "post": "test"}  # of stages
 _STEPS = 36  # of a learning curve, about
 _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its number
 
@@ -76,13 +77,15 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
     """Marks the tests and the training, and names them along the upper axis."""
-    hours = [experiment.life_of(task).steps_of(part) / control_steps(60) for part in STAGES]
+    life = experiment.life_of(task)
+    parts: list[Stage] = [part for part in STAGES if life.steps_of(part)]
+    hours = [life.steps_of(part) / control_steps(60) for part in parts]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
         axis.axvline(border, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))
     axis.set_xlim(0, ends[-1])
     upper = axis.secondary_xaxis("top")
-    upper.set_xticks(ends - np.array(hours) / 2, ["test", "training", "test"], fontsize=8)
+    upper.set_xticks(ends - np.array(hours) / 2, [_NAMES[part] for part in parts], fontsize=8)
     upper.tick_params(length=0, pad=1)
     upper.spines[:].set_visible(False)
 
@@ -97,14 +100,21 @@ def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]]) -> None:
 # ---- Categories ----
 
 
-def categories(run: Run) -> Figure:
-    """Draws the share of the robots in each category, ours above the paper's."""
+def categories(run: Run) -> Figure | None:
+    """Draws the share of the robots in each category, ours above the paper's unless ours are few.
+
+    None without tests.
+    """
     bars: dict[str, list[tuple[str, str, Summary]]] = {}
     for condition in run.conditions():
+        if not run.experiment.life_of(condition.task).tested:
+            continue
         own = bars.setdefault(condition.task, [])
         own.append((condition.proposer, "here", run.summary(condition)))
-        if paper := paper_column(run.experiment, condition):
+        if not run.few and (paper := paper_column(run.experiment, condition)):
             own.append((condition.proposer, "paper", paper.summary))
+    if not bars:
+        return None
     heights = [0.29 * len(own) + 0.95 for own in bars.values()]
     figure, axes = canvas(sum(heights), len(bars), 1, height_ratios=heights)
     for (task, own), axis in zip(bars.items(), axes[:, 0], strict=True):
@@ -140,9 +150,14 @@ def _stacks(axis: Axes, life: Life, rows: list[tuple[str, str, Summary]]) -> Non
 # ---- Learn Ability ----
 
 
-def abilities(run: Run) -> Figure:
-    """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart."""
-    tasks = run.tasks()
+def abilities(run: Run) -> Figure | None:
+    """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart.
+
+    None without tests.
+    """
+    tasks = [task for task in run.tasks() if run.experiment.life_of(task).tested]
+    if not tasks:
+        return None
     look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(1.35 * len(look) + 0.6, len(look), len(tasks), sharex=True, sharey="col")
     for task, column in zip(tasks, axes.T, strict=True):
@@ -167,9 +182,10 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
     if len(values):
         axis.bar_label(bars, [f"{share:.0%}" for share in ends], padding=2, fontsize=8)
     axis.set_xticks([-1.12, -0.5, 0, 0.5, 1.12], ["-1", "-.5", "0", ".5", "1"])
+    axis.set_xlim(-1.45, 1.45)  # room for the labels of the bars at the ends
     axis.set_yticks([0, 0.5, 1])
-    in_per_cent(axis, 1.15)
-    mean = f", mean {values.mean():z.2f}" if len(values) else ""
+    in_per_cent(axis, 1.25)
+    mean = f", mean {values.mean():{'z.2g' if run.few else 'z.2f'}}" if len(values) else ""
     return f"{short_name(condition.proposer)}, {len(values)} measured{mean}"
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import math
 import signal
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,7 @@ from ..progress import StepProgress
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import notice
 from .panel import Panel
-from .replay import Episode, Moment
+from .replay import Episode, Moment, Relived
 from .scene import Scene, Trail
 
 _ROUNDING = 1e-6  # [s], of the times of frames and of control steps
@@ -42,10 +42,13 @@ _ENCODERS = {
 }
 
 
-def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> None:
-    """Films an episode from its start, until its end or its last stable step at the latest.
+def film(
+    episodes: Sequence[Episode | Relived], output: Path, *, seconds: float, speed: float
+) -> None:
+    """Films episodes from their starts, until an end or a last stable step at the latest.
 
     The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
+    Several episodes of one task stand side by side.
     `speed` is the simulated seconds per second of it. An existing file is replaced when the film
     is complete.
 
@@ -63,15 +66,21 @@ def film(episode: Episode, output: Path, *, seconds: float, speed: float) -> Non
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
     check_place(output)
     fps = _FPS[output.suffix.lower()]
-    count = max(1, round(min(seconds, episode.seconds / speed) * fps))
-    times = np.arange(count) * speed / fps
-    with contextlib.closing(Scene(episode.task, episode.batch.dimensions)) as scene:
+    longest = min(episode.seconds for episode in episodes)
+    count = max(1, round(min(seconds, longest / speed) * fps))
+    times, first = np.arange(count) * speed / fps, episodes[0]
+    with contextlib.closing(Scene(first.task, first.batch.dimensions)) as scene:
         notice(f"drawing with {scene.renderer}")
         if count < round(seconds * fps):
-            notice(f"the episode lasts {episode.seconds:g} s, so the film lasts {count / fps:g} s")
-        panel = Panel(episode.task, episode.driver, episode.trained, speed, count * speed / fps)
-        shots = shots_at(times, episode.moments(), speed)
-        frames = (panel.frame(scene.draw(shot, trail), shot) for shot, trail in shots)
+            notice(f"the episode lasts {longest:g} s, so the film lasts {count / fps:g} s")
+
+        def drawn(episode: Episode | Relived) -> Iterator[np.ndarray]:
+            panel = Panel(episode.task, episode.driver, episode.when, speed, count * speed / fps)
+            for shot, trail in shots_at(times, episode.moments(), speed):
+                yield panel.frame(scene.draw(shot, trail), shot)
+
+        together = zip(*map(drawn, episodes), strict=False)  # until the first ends
+        frames = (np.hstack(parts) for parts in together)
         written = write(output, frames, count)
     if written < count:
         notice(f"the simulation became unstable: the film ends there, after {written / fps:g} s")
@@ -82,12 +91,11 @@ def shots_at(
 ) -> Iterator[tuple[Moment, Trail]]:
     """Yields what the frame at each time shows; poses are interpolated between control steps.
 
-    A frame also shows the contact and the events since the frame before. It ends at the first time
-    after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
+    Everything else is that of one instant, the control step before. The frames end at the first
+    time after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
     `speed` is the simulated seconds per second of the film.
     """
     past = [next(moments)]
-    shown = 0  # index of the last moment in the frame before
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
@@ -101,16 +109,8 @@ def shots_at(
         way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi  # the heading turns the shorter way
         span = (after.time - moment.time) or 1.0
         pose = moment.pose + (time - moment.time) / span * way
-        unseen = past[min(shown + 1, now) : now + 1]
-        shot = dataclasses.replace(
-            moment,
-            time=time,
-            pose=pose,
-            contact=any(m.contact for m in unseen),
-            event=any(m.event for m in unseen),
-        )
+        shot = dataclasses.replace(moment, time=time, pose=pose)
         yield shot, _trail(past[: now + 1], pose, after.event, time, speed)
-        shown = now
 
 
 def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed: float) -> Trail:

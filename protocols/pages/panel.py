@@ -14,7 +14,7 @@ from ...tasks.rules import RANGEFINDERS
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from . import scene
-from .replay import Moment
+from .replay import BEFORE, Moment
 from .scene import AMBER, BLUE, GREEN, RED, heat
 
 _HEADER, _PANEL = 44, 240
@@ -36,16 +36,16 @@ _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", 
 class Panel:
     """Draws the frame: a header above the scene and a panel of instruments to its right."""
 
-    def __init__(self, task: str, driver: str, trained: bool, speed: float, seconds: float) -> None:
+    def __init__(self, task: str, driver: str, when: str, speed: float, seconds: float) -> None:
         """Draws the parts that are the same in all frames.
 
-        `driver` is described in a few words, `speed` is the simulated seconds per second of the
+        `driver` and `when` are a few words, `speed` is the simulated seconds per second of the
         film, and `seconds` its simulated duration in [s].
         """
         self._shapes = TASKS[task].rules.shapes
         wanted = issubclass(TASKS[task].rules, SpotFindingRules)  # being in the spot; or contact
         self._hot, self._event = (GREEN, "in the spot") if wanted else (RED, "in contact")
-        self._seconds, self._seen = seconds, 0.0
+        self._seconds, self._seen, self._counted = seconds, 0.0, 0.0
         self._small, self._text, self._figures = _font(11), _font(13), _font(12, "", "Mono")
         self._large, self._digits = _font(22, "-Bold"), _font(30, "-Bold", "Mono")
         self._blank = Image.new("RGB", (WIDTH, HEIGHT), _BACK)
@@ -53,8 +53,8 @@ class Panel:
         draw.rectangle((0, 0, WIDTH, _HEADER - 1), fill=_HEAD)
         draw.text((20, 22), title.capitalize(), _INK, bold, "lm")
         draw.text((34 + bold.getlength(title.capitalize()), 23), driver, _DIM, _font(14), "lm")
-        when = "after training" if trained else "before training"
-        draw.text((_RIGHT, 22), when, to_hex(GREEN if trained else AMBER), _font(13, "-Bold"), "rm")
+        colour = to_hex(AMBER if when == BEFORE else GREEN)
+        draw.text((_RIGHT, 22), when, colour, _font(13, "-Bold"), "rm")
         speeds = f"{speed:g} \N{MULTIPLICATION SIGN} real time"
         draw.text((_RIGHT, _HEADER + 24), speeds, _DIM, self._small, "rm")
         draw.rectangle((_LEFT, _TIMELINE, _RIGHT, _TIMELINE + 12), _GROOVE)
@@ -63,16 +63,16 @@ class Panel:
         """Returns a frame, uint8, shape (HEIGHT, WIDTH, 3), around an image of the scene.
 
         The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment;
-        the timeline also shows the events of all earlier calls.
+        the timeline shows the events up to it, also those between this call and the one before.
         """
         begun, now = (
             _LEFT + (_RIGHT - _LEFT) * min(time / self._seconds, 1)
             for time in (self._seen, shot.time)
         )
-        if shot.event:
+        if shot.event_seconds > self._counted:
             event = begun, _TIMELINE, now, _TIMELINE + 12
             ImageDraw.Draw(self._blank).rectangle(event, to_hex(self._hot))
-        self._seen = shot.time
+        self._seen, self._counted = shot.time, shot.event_seconds
         frame = self._blank.copy()
         frame.paste(Image.fromarray(image), (0, _HEADER))
         draw = ImageDraw.Draw(frame)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -22,9 +23,9 @@ from ..agents.base import Agent
 from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
 from ..analysis.behaviour import Track
-from ..errors import InputError
-from ..lives.cohort import fused_life, make_agent
-from ..lives.conditions import Condition
+from ..errors import InputError, check_name
+from ..lives.cohort import Cohort, fused_life, make_agent
+from ..lives.conditions import CohortKey, Condition
 from ..lives.device import decide
 from ..lives.experiment import Experiment
 from ..lives.run import Run, When
@@ -41,6 +42,7 @@ Act = Callable[[np.ndarray], np.ndarray]
 # The two tests, before and after training, and which of the two stored brains drove the robot.
 BRAINS_OF_TESTS: dict[str, When] = {"pre": "before", "post": "after"}
 _ALONE = np.array([0])  # the robot of a batch of one
+BEFORE, AFTER = "before training", "after training"
 
 
 # ---- One robot in an episode ----
@@ -66,7 +68,7 @@ class Episode:
 
     task: str  # of the domain "arena"
     driver: str  # in a few words
-    trained: bool  # whether the driver has been trained
+    when: str  # in the driver's life, in a few words
     batch: Robots  # of one robot
     act: Act
     steps: float  # control steps; infinity for an episode without end
@@ -79,14 +81,15 @@ class Episode:
         Raises:
           InputError: there is no such policy, or a value is invalid; see `policy_act`.
         """
-        trained = _when(phase, seed) == "after"
+        _when(phase, seed)
         act, task = policy_act(policies, robot, phase), policies.task
         batch, random = make_batch(task, 1), np.random.default_rng(seed)
         pose, spot = Start().draw(random, batch.dimensions)
         batch.place_spot(_ALONE, spot[None])
         batch.place(_ALONE, pose[None])
         steps = TASKS[task].time_limit / CONTROL_TIMESTEP
-        return cls(task, f"PPO, policy {robot}", trained, batch, act, steps, random)
+        when = AFTER if phase == "post" else BEFORE
+        return cls(task, f"PPO, policy {robot}", when, batch, act, steps, random)
 
     @property
     def seconds(self) -> float:
@@ -131,8 +134,7 @@ def policy_act(policies: Policies, robot: int, phase: str) -> Act:
 
 def _when(phase: str, seed: int = SEED) -> When:
     """Returns which stored brain drives in a test; raises InputError for an invalid value."""
-    if phase not in BRAINS_OF_TESTS:
-        raise InputError(f"the phase must be one of {', '.join(BRAINS_OF_TESTS)}, got {phase!r}")
+    check_name("phase", phase, BRAINS_OF_TESTS)
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
     return BRAINS_OF_TESTS[phase]
@@ -156,7 +158,7 @@ class StoredRobot:
             or cannot take over kept weights, or a value is invalid.
         """
         when = _when(self.phase, self.seed)
-        return stored_brains(self.run, self.condition, [(self._row(), when)], self.seed)
+        return stored_brains(self.run, self.condition, [(self.row(), when)], self.seed)
 
     def act(self) -> Act:
         """Returns the function that drives the robot with frozen weights; see `agent`."""
@@ -177,18 +179,17 @@ class StoredRobot:
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         start = _first_phase(experiment, task, self.phase)
         place(batch, start, random)
-        kind = " proposer" if self.condition.has_brain else ""
         return Episode(
             experiment.life_of(task).task,
-            f"{short_name(self.condition.proposer)}{kind}, robot {self.robot}",
-            self.phase == "post",
+            _driver(self.condition, self.robot),
+            AFTER if self.phase == "post" else BEFORE,
             batch,
             act,
             control_steps(start.minutes),
             random,
         )
 
-    def _row(self) -> int:
+    def row(self) -> int:
         """Returns the robot's index among the rows of its condition."""
         numbers = [row.robot for row in self.run.robots(self.condition)]
         if not numbers:
@@ -205,6 +206,90 @@ class StoredRobot:
                 "simulation became unstable or its weights were not finite"
             )
         return row
+
+
+@dataclasses.dataclass(frozen=True)
+class Relived:
+    """A robot of a run in its life, which is simulated again with all its cohort.
+
+    Like an `Episode`, which cannot learn, it can be filmed.
+    """
+
+    cohort: Cohort
+    robot: int  # number within the condition
+
+    @classmethod
+    def at(cls, run: Run, condition: Condition, robot: int, minute: float) -> Relived:
+        """Simulates a life up to a minute of it.
+
+        Raises:
+          InputError: there is no such robot, no such minute, or its agent is not trusted.
+        """
+        StoredRobot(run, condition, robot, "post").row()
+        experiment = run.experiment
+        cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
+        steps = round(minute * control_steps(1))
+        if not 0 <= steps < cohort.steps:
+            last = cohort.steps / control_steps(1)
+            raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
+        with StepProgress(f"living {minute:g} minutes", math.ceil(minute)) as progress:
+            while cohort.step < steps:
+                cohort.advance(min(control_steps(1), steps - cohort.step))
+                progress.advance()
+        return cls(cohort, robot)
+
+    @property
+    def task(self) -> str:
+        """The task, of the domain "arena"."""
+        return self.cohort.experiment.life_of(self.cohort.key.condition.task).task
+
+    @property
+    def driver(self) -> str:
+        """Who drives, in a few words."""
+        return _driver(self.cohort.key.condition, self.robot)
+
+    @property
+    def when(self) -> str:
+        """The present minute of the life, in words."""
+        return f"minute {self.cohort.step / control_steps(1):g}"
+
+    @property
+    def batch(self) -> Robots:
+        """The robots of the cohort."""
+        return self.cohort.batch
+
+    @property
+    def seconds(self) -> float:
+        """What is left of the life, in simulated seconds."""
+        return (self.cohort.steps - self.cohort.step) * CONTROL_TIMESTEP
+
+    def moments(self) -> Iterator[Moment]:
+        """Simulates the life and yields the robot's moments; see `Episode.moments`."""
+        batch, row = self.batch, self.robot % self.batch.robots
+        recorder, events, event = self.cohort.recorded(), 0, False
+        first = self.cohort.step
+        while not self.cohort.finished and self.cohort.valid[row]:
+            time = (self.cohort.step - first) * CONTROL_TIMESTEP
+            pose, spot, sensed = batch.pose[row], batch.spot[row], batch.sensordata[row].copy()
+            recorder.motors.clear()
+            self.cohort.advance(1)
+            yield Moment(
+                time,
+                pose,
+                spot,
+                batch.rules.observations(sensed),
+                recorder.motors[0][row],
+                bool((sensed[batch.rules.layout.touch] > 0).any()),
+                event,
+                events * CONTROL_TIMESTEP,
+            )
+            event = bool(batch.rules.event(batch.sensordata)[row])
+            events += event
+
+
+def _driver(condition: Condition, robot: int) -> str:
+    kind = " proposer" if condition.has_brain else ""
+    return f"{short_name(condition.proposer)}{kind}, robot {robot}"
 
 
 def robots_named(task: str, proposer: str | None, agent: str | None) -> Condition:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import jinja2
@@ -14,8 +14,10 @@ from matplotlib.figure import Figure
 
 from ... import __version__
 from ...tasks.lives import PAPER_LIVES
+from ..agents.names import short_name
 from ..analysis.behaviour import Behaviour
 from ..errors import InputError
+from ..lives.conditions import Condition
 from ..lives.run import Run
 from ..storage import (
     check_own_folder,
@@ -95,9 +97,13 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
                 if figure is not None:
                     style.save(figure, out / "figures", name)
                     drawn[name] = out / "figures" / f"{name}.png"
-        missing = _film(run, out / "films")
+        captions, missing = _film(run, out / "films")
         text = tables.markdown(run, behaviour, narrow=True)
-        write_text(page_file, page(run, text, drawn, _kept(out / "films"), missing))
+        shown = {
+            path: captions.get(path.name, path.stem.replace("_", " "))
+            for path in _kept(out / "films")
+        }
+        write_text(page_file, page(run, text, drawn, shown, missing))
     return output
 
 
@@ -115,11 +121,12 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
         yield "stays", figures.stays(behaviour.stays)
 
 
-def _film(run: Run, folder: Path) -> str:
+def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
     """Films each task's example robot before and after its life, unless the folder has the film.
 
-    Returns which robots cannot be filmed.
+    Returns the captions by the names of the films, and which robots cannot be filmed.
     """
+    captions: dict[str, str] = {}
     missing: list[str] = []
     for task in run.tasks():
         example, life = robot_figures.favourite(run, task), run.experiment.life_of(task)
@@ -131,38 +138,39 @@ def _film(run: Run, folder: Path) -> str:
         existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
-            for phase, when in BRAINS_OF_TESTS.items():
-                path = folder / f"{task}_{kind}_{when}_training_x{speed:g}.mp4"
-                if path not in _kept(folder):
-                    episode = StoredRobot(run, condition, example.robot, phase).episode()
-                    films.film(episode, path, seconds=_FILM_SECONDS, speed=speed)
+            path = folder / f"{task}_{kind}_x{speed:g}.mp4"
+            captions[path.name] = (
+                f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
+                f"before and after training, {speed:g} times real time"
+            )
+            if path not in _kept(folder):
+                robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
+                episodes = [robot.episode() for robot in robots]
+                films.film(episodes, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed and not any(folder.iterdir()):
                 folder.rmdir()
             missing.append(f"{life.title} has no film: {error}.")
-    return " ".join(missing)
+    return captions, " ".join(missing)
 
 
 def _kept(folder: Path) -> list[Path]:
-    """Returns the films of a folder, a robot's film before its training first.
-
-    A link could lead to any file of the reader's.
-    """
+    """Returns the films of a folder, without links, which could lead to any file."""
     found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
     kept = (path for path in found if path.is_file() and not path.is_symlink())
-    return sorted(kept, reverse=True)  # by name, "before" comes behind "after"
+    return sorted(kept)
 
 
 # ---- The page ----
 
 
 def page(
-    run: Run, text: str, drawn: Mapping[str, Path], filmed: Sequence[Path], missing: str
+    run: Run, text: str, drawn: Mapping[str, Path], filmed: Mapping[Path, str], missing: str
 ) -> str:
     """Returns the report as HTML that needs no other file.
 
-    `text` is Markdown. Figures are .png, by the figure's name; films are .mp4, and their names are
-    their captions. `missing` is a sentence about missing films, or empty.
+    `text` is Markdown. Figures are .png, by the figure's name; films are .mp4, with their captions.
+    `missing` is a sentence about missing films, or empty.
     """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATE.parent),
@@ -174,11 +182,13 @@ def page(
     scale = run.experiment.time_scale
     return environment.get_template(_TEMPLATE.name).render(
         name=printable(run.name),
+        summary=_summary(run),
+        few=run.few,
         facts=_facts(run),
         made=f"musebot {__version__}",
         text=Markup(MarkdownIt("js-default").render(text)),
         figures={name: _uri(path, "image/png") for name, path in drawn.items()},
-        films=[(path.stem.replace("_", " "), _uri(path, "video/mp4")) for path in filmed],
+        films=[(caption, _uri(path, "video/mp4")) for path, caption in filmed.items()],
         missing=missing,
         tasks=[
             {
@@ -197,6 +207,29 @@ def page(
 
 def _uri(path: Path, kind: str) -> str:
     return f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def _summary(run: Run) -> str:
+    """Returns what the creative robots achieved, or the first others, in one sentence."""
+    found = []
+    for task in run.tasks():
+        life, proposers = run.experiment.life_of(task), run.proposers(task)
+        proposer = "creative" if "creative" in proposers else proposers[0]
+        condition, event = Condition(task, proposer), life.event
+        if not (number := len(run.valid(condition))):
+            continue
+        who = f"{number} {short_name(proposer)} {'robot was' if number == 1 else 'robots were'}"
+        if life.tested:
+            before, after = (run.shares(condition, part).mean() for part in ("pre", "post"))
+            share = f"{_percent(before)} of the test before training and {_percent(after)} after it"
+        else:
+            share = f"{_percent(run.life_shares(condition).mean())} of the time"
+        found.append(f"In {life.title.lower()}, {who} {event} for {share}")
+    return f"{'; '.join([*found[:1], *(f'i{one[1:]}' for one in found[1:])])}." if found else ""
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
 
 
 def _facts(run: Run) -> list[str]:

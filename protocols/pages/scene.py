@@ -58,7 +58,7 @@ class Scene:
         self._canvas.look(self._data)
         self._trail(trail)
         if isinstance(self._rules, SpotFindingRules):
-            self._odours(shot, self._rules.nose.frustum)
+            self._smells(shot, self._rules.nose.frustum)
         if "distances" in shot.signals:
             self._distances(shot)
         return self._canvas.pixels()
@@ -90,15 +90,15 @@ class Scene:
             self._line(site.xpos, end, 3, colour, 0.55 + 0.45 * signal)
             self._add(mujoco.mjtGeom.mjGEOM_SPHERE, [0.004] * 3, end, np.eye(3), colour, 1)
 
-    def _odours(self, shot: Moment, frustum: float) -> None:
+    def _smells(self, shot: Moment, frustum: float) -> None:
         if shot.event:
             self._ring(shot.spot, 0.062, 0.002, GREEN)
         for name in _NOSES.keys() & shot.signals.keys():
             for side, signal in enumerate(shot.signals[name]):
                 height = 0.002 + 0.0001 * side  # two of them must not share a plane
-                self._odour(_NOSES[name][side], float(signal), frustum, height)
+                self._smell(_NOSES[name][side], float(signal), frustum, height)
 
-    def _odour(self, site: str, signal: float, frustum: float, height: float) -> None:
+    def _smell(self, site: str, signal: float, frustum: float, height: float) -> None:
         nose = self._data.site(site)
         ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
         angles = ahead + np.linspace(-frustum / 2, frustum / 2, _SLICES + 1)

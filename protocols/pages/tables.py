@@ -18,16 +18,20 @@ from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..lives.conditions import Condition
 from ..lives.experiment import Experiment, differing
 from ..lives.learn_ability import CATEGORIES, total_variation
-from ..lives.run import Run
+from ..lives.run import FEW, Run
 from . import markdown as md
 
 VARIATION = "total variation"
+_FEW_DIGITS = ".2g"  # format of the numbers of few robots
 _NUMBERS = ("mean", "deviation", "post_share")  # of a column, behind its shares
-_NOTE = (
-    "In brackets: 95 % intervals (Wilson for shares; for means and deviations "
-    f"{md.MEANS}; Student's t for the paper's means, from its table). *By chance*: the total "
-    "variation that two groups of these sizes exceed with a probability of 5 % if their robots "
-    "do not differ."
+_INTERVALS = f"In brackets: 95 % intervals (Wilson for shares; for means and deviations {md.MEANS}"
+_OF_PAPER = (
+    "; Student's t for the paper's means, from its table). *By chance*: the total variation that "
+    "two groups of these sizes exceed with a probability of 5 % if their robots do not differ."
+)
+_TOO_FEW = (
+    f"A condition has fewer than {FEW} robots: nothing is tested or compared with the paper, and "
+    "numbers have at most two digits."
 )
 _JOINT = (
     "Joint test that all columns of a table have the paper's shares of classes (sum of "
@@ -51,35 +55,38 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
     `behaviour` is None if the robots were not observed. With `narrow`, each proposer or agent has a
     table of its own, as wide as a telephone.
     """
-    parts = []
+    parts = [f"{_TOO_FEW}\n"] if run.few else []
     for task in run.tasks():
         parts.append(f"### {md.escape(md.title(task, run.experiment))}\n")
         life = run.experiment.life_of(task)
         if not life.tested:
             parts.append("\n".join([*md.table(_shares_of_life(run, task)), ""]))
             continue
-        names = ["", *row_names(life), VARIATION]
+        names = ["", *row_names(life), *([] if run.few else [VARIATION])]
         columns = [_columns(run, Condition(task, proposer)) for proposer in run.proposers(task)]
         for group in columns if narrow else [itertools.chain(*columns)]:
             parts.append("\n".join([*md.table([*zip(names, *group, strict=True)]), ""]))
-    if agreement := _joint_tests(run):
+    if not run.few and (agreement := _joint_tests(run)):
         values = ", ".join(f"{name} p = {p:.4f}" for name, p in agreement.items())
         parts.append(f"{_JOINT}: {values}.\n")
-    parts.append(f"{_NOTE}{'' if run.exact_classes else _ROUNDED}\n")
-    if results := judge_all(run, behaviour):
+    tested = any(run.experiment.life_of(task).tested for task in run.tasks())
+    rounded = _ROUNDED if tested and not run.exact_classes else ""
+    parts.append(f"{_INTERVALS}{').' if run.few else _OF_PAPER}{rounded}\n")
+    if not run.few and (results := judge_all(run, behaviour)):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)
 
 
 def _shares_of_life(run: Run, task: str) -> list[list[str]]:
     """Returns the rows of a life without tests: robots, and their share of the time."""
-    life, steps = run.experiment.life_of(task), run.experiment.life_of(task).steps_of_minutes()
-    rows = [[""], ["robots"], [f"share of time {life.event}"]]
+    rows = [[""], ["robots"], [f"share of time {run.experiment.life_of(task).event}"]]
     for proposer in run.proposers(task):
-        shares = run.curves(Condition(task, proposer)) @ (steps / steps.sum())
+        shares = run.life_shares(Condition(task, proposer))
         ends = intervals.mean(shares, intervals.SHARE)
         mean = float(shares.mean()) if len(shares) else math.nan
-        cells = short_name(proposer), str(len(shares)), md.with_interval(md.number(mean), ends)
+        form = _FEW_DIGITS if run.few else ".4f"
+        share = md.with_interval(md.number(mean, form), ends, _FEW_DIGITS if run.few else ".3f")
+        cells = short_name(proposer), str(len(shares)), share
         for row, cell in zip(rows, cells, strict=True):
             row.append(cell)
     return rows
@@ -89,6 +96,8 @@ def _columns(run: Run, condition: Condition) -> list[list[str]]:
     """Returns a condition's column, and the paper's if it has one: the head and the cells."""
     ours, paper = column(run, condition), paper_column(run.experiment, condition)
     name = short_name(condition.proposer)
+    if run.few:
+        return [[name, *_cells(ours, _FEW_DIGITS, _FEW_DIGITS)]]
     if paper is None:
         return [[name, *_cells(ours), "-"]]
     distance, chance = _variation(ours, paper)
@@ -99,16 +108,16 @@ def _columns(run: Run, condition: Condition) -> list[list[str]]:
     ]
 
 
-def _cells(column: Column) -> list[str]:
-    """Returns the cells of a column, in the order of `row_names`."""
+def _cells(column: Column, form: str = ".4f", ends: str = ".3f") -> list[str]:
+    """Returns the cells of a column, in the order of `row_names`; numbers have these formats."""
     summary = column.summary
     invalid = f" (and {summary.invalid} invalid)" if summary.invalid else ""
     shares = zip(summary.counts, summary.shares, column.shares, strict=True)
     numbers = [(getattr(summary, name), getattr(column, name)) for name in _NUMBERS]
     return [
         f"{summary.robots}{invalid}",
-        *(md.with_interval(f"{n} ({share:.0%})", ends, ".0%") for n, share, ends in shares),
-        *(md.with_interval(md.number(value), ends) for value, ends in numbers),
+        *(md.with_interval(f"{n} ({share:.0%})", span, ".0%") for n, share, span in shares),
+        *(md.with_interval(md.number(value, form), span, ends) for value, span in numbers),
     ]
 
 
@@ -140,6 +149,12 @@ def as_json(run: Run) -> dict[str, Any]:
     for condition in run.conditions():
         ours, paper = column(run, condition), paper_column(run.experiment, condition)
         entry = {"ours": _plain(ours), "paper": _plain(paper) if paper else None}
+        if not run.experiment.life_of(condition.task).tested:
+            shares, invalid = run.life_shares(condition), ours.summary.invalid
+            ends = intervals.mean(shares, intervals.SHARE)
+            score = {"share": float(shares.mean()) if len(shares) else math.nan}
+            own = {"robots": len(shares), "invalid": invalid, **score, "intervals": {"share": ends}}
+            entry = {"ours": own, "paper": None}
         if paper:
             distance, chance = _variation(ours, paper)
             entry |= {"total_variation": distance, "total_variation_by_chance": chance}

@@ -17,7 +17,7 @@ from ...tasks.sensors import NoseForm
 from ...tasks.suite import TASKS
 from ...tasks.world import World
 from ..agents.names import short_name
-from ..errors import InputError
+from ..errors import InputError, check_name
 from ..lives.experiment import Experiment
 from .replay import Act, StoredRobot, policy_act
 
@@ -76,8 +76,7 @@ def explore(task: str, driver: Driver | None = None) -> None:
     Raises:
       InputError: there is no such task, or no display.
     """
-    if task not in TASKS:
-        raise InputError(f"the task must be one of {', '.join(TASKS)}, got {task!r}")
+    check_name("task", task, TASKS)
     driver = driver or Driver("random motors", random_motors(seed=0))
     task = driver.task or task
     check_display()

@@ -77,7 +77,7 @@ def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
     definition = (
         life_definition(kwargs.pop("life")) if is_life else task_definition(task_name(task))
     )
-    check_keywords(f"task {definition.name!r}", kwargs, definition.keywords)
+    check_keywords(f"task {definition.name!r}", kwargs, [*definition.keywords, *PICTURE])
     return definition
 
 
@@ -104,6 +104,16 @@ def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> d
         raise ValueError(f"camera must be one of {cameras}, got {camera!r}")
     size = {"height": whole_number("height", height, 1), "width": whole_number("width", width, 1)}
     return {**size, "camera_id": camera}
+
+
+def shared_options(options: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """Returns the options of all robots, given for each; ValueError where they differ."""
+    first, *others = (one or {} for one in options)
+    for other in others:
+        equal = (np.array_equal(value, other[name]) for name, value in first.items())
+        if first.keys() != other.keys() or not all(equal):
+            raise ValueError("options must be the same for all robots of a batch")
+    return dict(first)
 
 
 def final_info(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 
 from ...models.arena import heading
 from ...models.physics import Physics
-from ...models.rendering import no_window
+from ...models.rendering import has_display, no_window
 from ..episode import Lifecycle, check_counts, check_state
 from .common import FPS, check_render_mode, checked_task, life_info, picture_of, spaces
 
@@ -56,12 +57,17 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         check_render_mode(render_mode, self.metadata["render_modes"])
         if render_mode == "human" and (reason := no_window()):
             raise RuntimeError(f"{reason}; render_mode='rgb_array' needs no display")
+        if not has_display():  # Gymnasium's `check_env` tries all modes
+            modes = [mode for mode in self.metadata["render_modes"] if mode != "human"]
+            self.metadata = {**self.metadata, "render_modes": modes}
         # Gymnasium's wrapper TimeLimit counts the steps of an episode.
         self._environment = definition.environment(**kwargs, time_limit=math.inf)
         self.observation_space, self.action_space = spaces(definition.rules, definition.limit)
         self.render_mode = render_mode
         self._picture = picture_of(self.model, camera, width, height)
         self.mujoco_renderer: Any = None
+        self._usual = self._environment.task.episode
+        self.options = {}
         self._layout = self._environment.task.rules.layout
         self._radius = self.physics.dimensions.spot_radius
         self._counts = [0, 0]  # control steps of this episode in contact, and in the spot
@@ -71,8 +77,23 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._environment.physics
 
     @property
+    def options(self) -> Mapping[str, Any]:
+        """Options of all further episodes; those of `reset` replace them for its own."""
+        return self._options
+
+    @options.setter
+    def options(self, options: Mapping[str, Any]) -> None:
+        start = self._usual.start_with(options)
+        self._environment.task.episode = dataclasses.replace(self._usual, start=start)
+        self._options = dict(options)
+
+    @property
     def model(self) -> mujoco.MjModel:
-        """MuJoCo's model of robot and arena."""
+        """MuJoCo's model of robot and arena.
+
+        It was not loaded from a file, so that `mujoco.mj_saveLastXML` cannot write it:
+        `musebot.tasks.suite.TASKS[task].spec().to_xml()` returns its MJCF.
+        """
         return self.physics.model.ptr
 
     @property

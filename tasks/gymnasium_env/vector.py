@@ -7,7 +7,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl.control import PhysicsError
@@ -31,9 +30,9 @@ from ..lives import Leg, enter
 from ..sensors import Nose
 from ..starts import Start, random_spots
 from ..suite import make_batch
+from .attributes import RobotAttributes
 from .common import (
     FPS,
-    INFO,
     PICTURE,
     check_render_mode,
     checked_task,
@@ -46,7 +45,7 @@ from .common import (
 _Timestep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
-class ArenaVectorEnv(gymnasium.vector.VectorEnv):
+class ArenaVectorEnv(RobotAttributes):
     """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
 
     With `backend="warp"` they are equal up to rounding in single precision.
@@ -117,7 +116,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
         rules, size = self._batch.rules, self._batch.dimensions
-        self._episode = definition.episode(Start(**kwargs), size, steps, rules)
+        self._usual = definition.episode(Start(**kwargs), size, steps, rules)
+        self.options = {}
         self.single_observation_space, self.single_action_space = spaces(
             definition.rules, definition.limit
         )
@@ -134,16 +134,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
         self._over = np.zeros(num_envs, dtype=bool)
-
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
-        """Random stream of every robot."""
-        return tuple(self._randoms)
-
-    @property
-    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
-        """Seed of every robot's random stream."""
-        return tuple(self._seeds)
 
     def reset(
         self,
@@ -275,40 +265,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 self._painter.free()
                 self._painter = None
 
-    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns `get_attr(name)`, or `render()`, the only method that robots of a batch have."""
-        if name == "render":
-            return self.render(*args, **kwargs) or (None,) * self.num_envs
-        return self.get_attr(name)
-
-    def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Returns an attribute of every robot: its random stream, an entry of `INFO` or a space.
-
-        Raises AttributeError where robots of a batch have no such attribute.
-        """
-        if name in ("np_random", "np_random_seed"):
-            return getattr(self, name)
-        if name in INFO:
-            return tuple(self._info()[name])
-        shared = {
-            "action_space": self.single_action_space,
-            "observation_space": self.single_observation_space,
-            "metadata": self.metadata,
-            "model": self._batch.model,
-            "render_mode": self.render_mode,
-            "spec": self.spec,
-        }
-        if name not in shared:
-            names = sorted([*shared, *INFO, "np_random", "np_random_seed"])
-            raise AttributeError(f"robots of a batch have the attributes {names}, got {name!r}")
-        return (shared[name],) * self.num_envs
-
-    def set_attr(self, name: str, values: Any) -> None:
-        raise AttributeError(
-            "robots of a batch have no attributes that can be set, use reset(options=) for robot "
-            f"and spot, got {name!r}"
-        )
-
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on; RuntimeError unless running."""
         with self._lifecycle.one_thread:
@@ -359,7 +315,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             check_counts("counts", counts, state["steps"])
         if self._episode.life and (state["steps"] != state["steps"][0]).any():
             raise ValueError(f"state['steps'] of a life must be equal, got {state['steps']}")
-        check_counts("seeds", state["seeds"], [math.inf] * self.num_envs)
+        seeds = [seed for seed in state["seeds"] if seed != -1]  # that of a stream that was set
+        check_counts("seeds", seeds, [math.inf] * len(seeds))
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             check_stream_state(random, one)
 

@@ -52,6 +52,7 @@ def test_words_that_a_command_does_not_take_are_one_sentence():
         (["a", ""], "a word of the command is empty: is a variable of the shell unset?"),
         (["a", "--sped", "2"], "there is no option --sped; did you mean --speed?"),
         (["a", "--spee", "2"], "there is no option --spee; did you mean --speed?"),
+        (["--out", "a"], "--out is no option: its value stands without --out"),
         (["a", "--speed", "fast"], "--speed must be a number, got 'fast'"),
         (["a", "--wheels", "2.5"], "--wheels must be a whole number, got '2.5'"),
         (["a", "--mood", "bad"], "--mood must be one of calm, wild, got 'bad'"),
@@ -68,7 +69,7 @@ def test_words_that_a_command_does_not_take_are_one_sentence():
 def test_help_of_a_verb_names_every_option_and_fits_on_a_screen(verb, capsys, monkeypatch):
     fields = dataclasses.fields(verb_class(verb))
     assert len([f for f in fields if f.metadata["option"]]) <= 18
-    for columns, most in (("1", 999), ("80", 50), ("400", 999)):
+    for columns, most in (("1", 999), ("80", 24), ("400", 999)):
         monkeypatch.setenv("COLUMNS", columns)
         assert cli.main([*verb.split(), "--help"]) == 0
         text = capsys.readouterr().out

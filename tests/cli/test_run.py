@@ -61,8 +61,8 @@ def test_parts_have_dotted_names_and_parts_that_are_not_set_stay():
 def test_a_reading_sets_its_fields_and_other_words_come_first():
     plain = planned(reading="plain").experiment
     assert {name: getattr(plain, name) for name in READINGS["plain"]} == READINGS["plain"]
-    other = planned(reading="plain", set=("nose=inverse", "kinematics.lag=0.1")).experiment
-    assert (other.nose, other.nose_place) == ("inverse", "centre")
+    other = planned(reading="plain", set=("nose=printed", "kinematics.lag=0.1")).experiment
+    assert (other.nose, other.nose_place) == ("printed", "centre")
     assert other.kinematics == dataclasses.replace(plain.kinematics, lag=0.1)
     # In another body the reading's kinematics, those of its own body, have no meaning.
     assert planned(reading="plain", body="mujoco").experiment.kinematics == Kinematics()
@@ -100,6 +100,7 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
     [
         (["--life", "dancing"], "there is no life 'dancing'"),
         (["--life", "body@13"], "there is no life 'body@13'"),
+        (["--task", "spot_finding_walls"], "there is no option --task; did you mean --life?"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),

@@ -26,11 +26,11 @@ def run(tmp_path_factory, in_process):
     return directory
 
 
-def test_tables_show_ours_next_to_the_papers_and_name_a_rehearsal(run, capsys):
+def test_tables_of_few_robots_stand_alone_and_name_a_rehearsal(run, capsys):
     assert cli.main(["tables", str(run)]) == 0
     text = capsys.readouterr().out
     assert "Wall avoidance (table 1), all durations times 0.002" in text
-    assert "fixed, ours" in text and "fixed, paper" in text and "260 (52%)" in text
+    assert "fewer than 20 robots" in text and "| fixed |" in text and "260 (52%)" not in text
     assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
     assert capsys.readouterr().out == text == (run / "tables.md").read_text()
     assert cli.main(["tables", str(run), "--json"]) == 0
@@ -63,6 +63,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "the task must be one of"),
+        (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),
         (["list", "feelings"], "there are lives, tasks, brains, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],

@@ -36,6 +36,8 @@ def test_unknown_tasks_and_proposers_are_refused_and_factories_accepted():
         with pytest.raises(InputError, match="a life has a name such as wall_avoidance, .*, got"):
             Condition(name, "fixed")
     assert str(Condition("swim@12", "fixed")) == "swim@12/fixed"
+    with pytest.raises(InputError, match=r"got 'creatve'; did you mean creative\?"):
+        check_proposer("creatve")
     with pytest.raises(InputError, match="must be one of fixed, random, creative, or .*'divine'"):
         Condition("spot_finding", "divine")
     for name in ("nonsense", "a.b", "a:b:c", "a b:c", ":x", "x:", "1a:b"):

@@ -60,7 +60,7 @@ def test_invalid_names_and_overrides_are_refused_in_a_sentence():
         with pytest.raises(InputError) as caught:
             with_overrides(Kinematics(), words)
         assert sentence in str(caught.value)
-    with pytest.raises(InputError, match=r"there is no brain 'stedy': did you mean steady\?"):
+    with pytest.raises(InputError, match=r"there is no brain 'stedy'; did you mean steady\?"):
         named_brain("stedy")
     with pytest.raises(InputError, match="the brain must be one of paper, .*, got 'divine'"):
         named_brain("divine")

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from musebot.protocols.analysis.comparison import compare_runs
 from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
@@ -17,7 +18,10 @@ from musebot.protocols.lives.run import (
     Lives,
     Robot,
     Run,
+    results_of,
 )
+from musebot.protocols.lives.run_files import export_robots
+from musebot.protocols.pages import figures, tables
 
 quick = settings(deadline=None, max_examples=50)
 NAN = float("nan")
@@ -70,6 +74,25 @@ def test_times_classes_and_curves_follow_from_the_counts(condition, rows):
             assert robot.learn_ability == pytest.approx(float(wanted), abs=1e-15)
             named = {1: "L = 1", 0: "L = 0"}.get(wanted, "0 < L < 1" if wanted > 0 else "L < 0")
             assert robot.category == named
+
+
+def test_a_life_without_tests_has_a_score_and_no_class(tmp_path):
+    body, valid = Condition("body", "fixed"), np.array([True, False, True])
+    measured = {body: lives(body, [(0, 0), (3, 0), (5, 9)], valid)}
+    run = Run("x", SHORT, results_of(SHORT, measured))
+    assert [row.category for row in run.robots(body)] == ["", "invalid", ""]
+    assert run.life_shares(body).shape == (2,)
+    export_robots(tmp_path, SHORT, measured)
+    rows = (tmp_path / "robots.csv").read_text().splitlines()[1:]
+    assert [row.split(",", 5)[5] for row in rows] == [",,,", ",,,invalid", ",,,"]
+    for figure in (figures.categories, figures.abilities):
+        assert figure(run) is None
+    (cell, *others) = compare_runs(run, run)
+    assert not others and cell.name == "share of time in the spot" and cell.difference == 0
+    entry = tables.as_json(run)["tables"]["body"]["fixed"]["ours"]
+    assert entry["robots"] == 2 and entry["share"] == cell.ours
+    text = tables.markdown(run)
+    assert "ignorant" not in text and "classed" not in text and "| share of time in the" in text
 
 
 # A run

@@ -168,7 +168,7 @@ assert env.render().std() > 0
 
 # As Gymnasium's AsyncVectorEnv does with context="fork", after the parent has drawn.
 FORKED = """
-import os, signal, warnings
+import os, signal, sys, threading, warnings
 import gymnasium, musebot
 warnings.simplefilter("ignore")
 env = gymnasium.make("musebot/SpotFinding-v0", render_mode="rgb_array")
@@ -179,7 +179,11 @@ def new():
 def draw(one):
     one.reset(seed=1)
     return one.render()
-draw(env), draw(robots), suite.physics.render()
+if sys.argv[1] == "musebot":
+    draw(env), draw(robots), suite.physics.render()
+else:  # MuJoCo's own
+    import mujoco
+    mujoco.Renderer(env.unwrapped.model)
 if os.fork() == 0:
     signal.alarm(60)
     for one in (env, robots, None, new()):
@@ -190,23 +194,35 @@ if os.fork() == 0:
     env.close()
     os._exit(0)
 status = os.wait()[1]
-assert status == 0 and env.render().std() > 0, status
+seen = []
+def elsewhere():  # pictures of a second thread are those of the first
+    seen.extend([env.render(), robots.render()[0], suite.physics.render()])
+draw(env), draw(robots)
+first = [env.render(), robots.render()[0], suite.physics.render()]
+thread = threading.Thread(target=elsewhere)
+thread.start()
+thread.join()
+same = all((one == other).all() for one, other in zip(first, seen, strict=True))
+assert status == 0 and same and env.render().std() > 0, status
 """
 
 
-def ran(code, folder=None, **changes):
+def ran(code, folder=None, *words, **changes):
     """Runs a script in a process that has no display but a given one."""
     names = ("DISPLAY", "WAYLAND_DISPLAY", "MUJOCO_GL", "PYOPENGL_PLATFORM")
     environment = {k: v for k, v in os.environ.items() if k not in names} | changes
     return subprocess.run(
-        [sys.executable, "-c", code],
+        [sys.executable, "-c", code, *words],
         cwd=folder, env=environment, capture_output=True, text=True, timeout=300,
     )  # fmt: skip
 
 
 @pytest.mark.slow
-def test_a_forked_process_refuses_pictures_after_its_parent_has_drawn(egl):
-    done = ran(FORKED)
+@pytest.mark.parametrize("painter", ["musebot", "mujoco"])
+def test_a_forked_process_refuses_pictures_after_its_parent_has_drawn_but_a_thread_draws(
+    egl, painter
+):
+    done = ran(FORKED, None, painter, **({} if painter == "musebot" else {"MUJOCO_GL": "egl"}))
     assert done.returncode == 0, done.stderr
     sentences = done.stdout.splitlines()
     assert len(sentences) == 4 and len(set(sentences)) == 1
@@ -284,8 +300,9 @@ def test_a_window_and_pictures_share_a_process(display, egl, chosen):
 
 
 @pytest.mark.slow
-def test_the_checkers_of_gymnasium_and_stable_baselines_skip_nothing(display, egl):
-    done = ran(CHECKERS, DISPLAY=display)
+@pytest.mark.parametrize("screen", [True, False], ids=["display", "none"])
+def test_the_checkers_of_gymnasium_and_stable_baselines_skip_nothing(request, egl, screen):
+    done = ran(CHECKERS, **({"DISPLAY": request.getfixturevalue("display")} if screen else {}))
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "checked"
 

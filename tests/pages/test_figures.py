@@ -120,12 +120,12 @@ def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
 
 def test_stacked_categories_are_the_counts_of_the_robots():
     with style.styled():
-        axis = figures.categories(run_of(WALLS_FIXED)).axes[0]
+        axis = figures.categories(run_of(WALLS_FIXED, robots=20)).axes[0]
     ours, paper = zip(*(bars.patches for bars in axis.containers), strict=True)
-    assert [bar.get_width() for bar in ours] == pytest.approx([0.5, 0, 0, 0.5, 0])
+    assert [bar.get_width() for bar in ours] == pytest.approx([0.85, 0, 0, 0.15, 0])
     assert [500 * bar.get_width() for bar in paper] == pytest.approx([260, 12, 13, 19, 196])
     labels = [text.get_text() for text in axis.texts if text.get_text()]
-    assert labels == ["50", "52", "50", "39"]  # category by category; small bars have none
+    assert labels == ["85", "52", "15", "39"]  # category by category; small bars have none
     names = [text.get_text() for text in axis.get_yticklabels()]
     assert names == ["fixed, here", "fixed, paper"]
 

@@ -19,7 +19,7 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film
 from musebot.protocols.pages.panel import HEIGHT, WIDTH
-from musebot.protocols.pages.replay import Episode, Moment
+from musebot.protocols.pages.replay import AFTER, Episode, Moment
 from musebot.protocols.storage import draft_name
 from musebot.tasks import make_batch
 
@@ -28,7 +28,7 @@ def test_film_is_h264_in_yuv420p_of_the_requested_length_and_something_moves(
     egl, directory, tmp_path, capsys
 ):
     output = tmp_path / "film.mp4"
-    options = "--task wall_avoidance --robot 1 --speed 2 --seconds 0.6 --phase pre"
+    options = "--task wall_avoidance --robot 1 --speed 2 --seconds 0.6 --phase both"
     assert cli.main(["film", str(directory), "--output", str(output), *options.split()]) == 0
     said = capsys.readouterr()
     assert said.out.strip() == str(output) and "drawing with" in said.err
@@ -40,7 +40,9 @@ def test_film_is_h264_in_yuv420p_of_the_requested_length_and_something_moves(
         images = np.stack([np.asarray(image) for image in reader])
     assert (meta["codec"], meta["pix_fmt"][:7], meta["fps"]) == ("h264", "yuv420p", 25)
     assert meta["duration"] == pytest.approx(0.6, abs=0.5 / 25)
-    assert images.shape == (15, HEIGHT, WIDTH, 3)
+    assert images.shape == (15, HEIGHT, 2 * WIDTH, 3)
+    left, right = images[0, 60:, :WIDTH].astype(int), images[0, 60:, WIDTH:]
+    assert (abs(left - right) < 20).mean() > 0.9  # two brains of one robot, at one place
     assert images[0].std() > 20  # not a blank frame
     # More changes than compression or the clock alone would change.
     changed = np.abs(images[-1].astype(int) - images[0])[:, : WIDTH - 240].max(axis=2)
@@ -65,7 +67,7 @@ def test_a_film_that_cannot_be_made_is_one_sentence_and_leaves_nothing(
         options = {"output": "film.mp4", "seconds": 1.0, "speed": 1.0, **changes}
         output = tmp_path / options.pop("output")
         with pytest.raises(InputError, match=sentence):
-            film.film(episode, output, **options)
+            film.film([episode], output, **options)
         assert os.listdir(tmp_path) == ["d.mp4"]
 
 
@@ -154,14 +156,14 @@ def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys
         if "unstable" in sentence:
             unstable(Episode.moments)
         batch, random = make_batch("wall_avoidance", 1), np.random.default_rng(0)
-        driver = "wall_avoidance", "nobody", True, batch, lambda _: np.zeros((1, 2)), 20, random
-        film.film(Episode(*driver), tmp_path / "film.mp4", seconds=seconds, speed=speed)
+        driver = "wall_avoidance", "nobody", AFTER, batch, lambda _: np.zeros((1, 2)), 20, random
+        film.film([Episode(*driver)], tmp_path / "film.mp4", seconds=seconds, speed=speed)
         said = capsys.readouterr().err
         assert sentence in said and said.count("musebot:") == 1 + bool(sentence)
         assert counts.pop() == frames
 
 
-def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened_meanwhile():
+def test_a_shot_shows_one_instant_the_control_step_before_and_the_pose_between():
     turns = 0.0, 0.3, 3.0, -3.0, 0.0
     moments = [
         Moment(
@@ -171,8 +173,8 @@ def test_a_shot_shows_the_control_step_before_the_pose_between_and_what_happened
         for k in range(5)
     ]  # fmt: skip
     (first, _), (second, trail), (last, _) = film.shots_at([0.05, 0.25, 0.4], iter(moments), 1)
-    for shot, time, meanwhile in ((first, 0.05, False), (second, 0.25, True), (last, 0.4, False)):
-        assert (shot.time, shot.event, shot.contact) == (time, meanwhile, meanwhile)
+    for shot, time, step in ((first, 0.05, 0), (second, 0.25, 2), (last, 0.4, 4)):
+        assert (shot.time, shot.event, shot.contact) == (time, step == 2, step == 1)
     np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
     np.testing.assert_allclose(second.pose[:2], [0.25, 0.5])
     assert np.cos(second.pose[2]) == pytest.approx(-1)  # it turned the shorter way

@@ -10,7 +10,7 @@ from PIL import ImageDraw
 
 from musebot.protocols.pages import scene
 from musebot.protocols.pages.panel import HEIGHT, WIDTH, Panel
-from musebot.protocols.pages.replay import Episode
+from musebot.protocols.pages.replay import AFTER, BEFORE, Episode
 from musebot.tasks.suite import TASKS
 
 IMAGE = np.zeros((scene.HEIGHT, scene.WIDTH, 3), dtype=np.uint8)
@@ -38,7 +38,7 @@ def drawn(monkeypatch):
 @pytest.mark.parametrize("task", TASKS)
 def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, newborn, drawn):
     shot = next(Episode.of_policy(newborn(task), 0, "post", 0).moments())
-    panel = Panel(task, "nobody", True, speed=1, seconds=1)
+    panel = Panel(task, "nobody", AFTER, speed=1, seconds=1)
     before = panel.frame(IMAGE, shot)
     assert before.shape == (HEIGHT, WIDTH, 3)
     for name, values in shot.signals.items():
@@ -46,8 +46,8 @@ def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, ne
                    for one in np.eye(len(values), dtype=bool)]  # fmt: skip
         for change in [{"contact": not shot.contact}] if name == "contact" else changes:
             assert (panel.frame(IMAGE, dataclasses.replace(shot, **change)) != before).any(), name
-    for time, event in ((0.2, True), (0.5, False), (1.0, True)):
-        image = panel.frame(IMAGE, dataclasses.replace(shot, event=event, time=time))
+    for time, seconds in ((0.2, 0.1), (0.5, 0.1), (1.0, 0.3)):
+        image = panel.frame(IMAGE, dataclasses.replace(shot, event_seconds=seconds, time=time))
     for name, corners, _ in drawn:  # Pillow clips what is outside
         assert (corners >= 0).all() and (corners <= (WIDTH, HEIGHT)).all(), (name, corners)
     # The event's colour from 0 to 0.2 s and from 0.5 s to the end.
@@ -63,7 +63,7 @@ def test_the_panel_writes_each_number_beside_its_name(newborn, drawn):
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),
         signals={**shot.signals, "distances": distances},
     )  # fmt: skip
-    Panel("wall_avoidance", "nobody", False, speed=1, seconds=100).frame(IMAGE, shot)
+    Panel("wall_avoidance", "nobody", BEFORE, speed=1, seconds=100).frame(IMAGE, shot)
     rows = {}
     for name, ((_, y), *_), rest in drawn:
         if name == "text":

@@ -17,7 +17,14 @@ from musebot.protocols.lives.conditions import CohortKey, Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Run, results_of
 from musebot.protocols.pages import replay
-from musebot.protocols.pages.replay import Episode, StoredRobot, robots_named
+from musebot.protocols.pages.replay import (
+    AFTER,
+    BEFORE,
+    Episode,
+    Relived,
+    StoredRobot,
+    robots_named,
+)
 from musebot.tasks import make_batch
 from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.suite import TASKS
@@ -46,7 +53,7 @@ def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(newborn, ta
         state, *_ = robots.step(motors * 2 * TASKS[task].limit)
     spots = len(np.unique([moment.spot for moment in moments], axis=0))
     assert spots == (3 if TASKS[task].spot_steps else 1)
-    assert episode.trained == (phase == "post")
+    assert episode.when == (AFTER if phase == "post" else BEFORE)
 
 
 def test_episode_lasts_as_long_as_that_of_the_task_or_as_its_simulation_is_stable(newborn):
@@ -62,7 +69,7 @@ def test_the_time_with_the_event_adds_up():
     batch = make_batch("wall_avoidance", 1)
     batch.place(np.array([0]), np.array([[0.49, 0.0, 0.0]]))  # close to a wall
     act, random = (lambda _: np.full((1, 2), 0.1)), np.random.default_rng(0)
-    moments = [*Episode("wall_avoidance", "nobody", True, batch, act, 9, random).moments()]
+    moments = [*Episode("wall_avoidance", "nobody", AFTER, batch, act, 9, random).moments()]
     events = [moment.event for moment in moments]
     assert events == [moment.contact for moment in moments] and sum(events) > 1
     seconds = [moment.event_seconds for moment in moments]
@@ -70,6 +77,23 @@ def test_the_time_with_the_event_adds_up():
 
 
 # ---- Robots of a run ----
+
+
+@pytest.mark.parametrize("start", [0, 57])  # control steps
+def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
+    condition = Condition("wall_avoidance", "creative")
+    relived = Relived.at(run, condition, 1, start / 600)
+    assert relived.when == f"minute {start / 600:g}"
+    moments = [*relived.moments()]
+    assert len(moments) == relived.cohort.steps - start
+    lived = run.results[condition].networks["after"]
+    for name, weights in relived.cohort.agent.weights().items():
+        np.testing.assert_array_equal(weights, lived[name])
+    last = relived.batch.rules.event(relived.batch.sensordata)[1]
+    counted = relived.cohort.lives().events[1].sum()
+    assert start or round(moments[-1].event_seconds * 10 + last) == counted
+    with pytest.raises(InputError, match="the life has minutes from 0 to"):
+        Relived.at(run, condition, 1, 1.0)
 
 
 def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):

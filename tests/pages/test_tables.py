@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 
 from helpers import run_of_rows
 
@@ -60,6 +61,18 @@ def test_every_number_and_interval_of_a_column_is_in_the_data():
         "counts": dict(zip(CATEGORIES, (9, 0, 0, 8, 2), strict=True)),
         **{name: getattr(own.summary, name) for name in numbers},
     }
+
+
+def test_few_robots_are_neither_tested_nor_compared_with_the_paper():
+    for robots, few in ((19, True), (20, False)):
+        rows = [Robot(WA, "fixed", 1, 0, i, 6.0, 2.123, 0.5, "0 < L < 1") for i in range(robots)]
+        run = run_of_rows(rows)
+        text = tables.markdown(run)
+        assert few == run.few == ("fewer than 20 robots" in text)
+        for words in ("paper |", tables.VARIATION, "p = ", "claims", "Student"):
+            assert (words in text) != few, words
+        digits = max(len(n.replace(".", "").lstrip("0")) for n in re.findall(r"\b0\.\d+", text))
+        assert (digits <= 2) == few
 
 
 def test_names_of_folders_are_no_markup():

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import warnings
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -75,6 +76,8 @@ def test_the_single_env_equals_dm_controls_and_info_holds_the_state_of_the_world
         assert (info["contact_steps"], info["in_spot_steps"]) == tuple(counts)
     assert (counts > 0).all()
     assert env.model is env.physics.model.ptr and env.data.qpos[0] == x
+    written = mujoco.MjModel.from_xml_string(TASKS[task].spec().to_xml())
+    assert written.signature == env.model.signature
 
 
 def make_pair(name, robots, mode, **kwargs):
@@ -149,10 +152,12 @@ def test_unknown_names_and_keywords_are_refused_with_the_known_ones():
         ):
             with pytest.raises(ValueError, match=sentence):
                 make("musebot/SpotFinding-v0", render_mode="rgb_array", **kwargs)
-        with pytest.raises(TypeError, match=r"\['robot', 'spot'\], got \['nose'\]"):
+        with pytest.raises(TypeError, match=r"\['camera', 'height', 'robot'.*\], got \['nose'\]"):
             make("musebot/WallAvoidance-v0", nose="printed")
-        with pytest.raises(TypeError, match=r"\['nose', 'robot', 'spot'\], got \['colour'\]"):
-            make("musebot/SpotFinding-v0", colour="red")
+        for name in ("colour", "camera_name", "camera_id"):  # the last two are Gymnasium's
+            words = rf"\['camera', 'height', 'nose', 'robot', 'spot', 'width'\], got \['{name}'\]"
+            with pytest.raises(TypeError, match=words):
+                make("musebot/SpotFinding-v0", **{name: 0})
         with pytest.raises(ValueError, match="form must be 'inverse' or 'printed'"):
             make("musebot/SpotFinding-v0", nose="long")
     with pytest.raises(ValueError, match=r"must be one of \['rgb_array'\] or None, got 'human'"):
@@ -236,15 +241,37 @@ def test_a_batch_renders_chosen_robots(monkeypatch):
     batch.close()
 
 
-def test_attributes_of_robots_of_a_batch_can_be_read_but_not_set():
-    batch = gymnasium.make_vec("musebot/SpotFinding-v0", 3)
-    _, info = batch.reset(seed=4)
-    assert batch.get_attr("np_random_seed") == (4, 5, 6)
-    np.testing.assert_array_equal(batch.get_attr("position"), info["position"])
-    assert batch.call("action_space") == (batch.single_action_space,) * 3
+def test_attributes_of_a_batch_are_those_of_single_envs():
+    batch, single = make_pair("musebot/SpotFinding-v0", 3, "NextStep", max_episode_steps=3)
+    for one in (batch, single):
+        one.reset(seed=4)
+        one.set_attr("options", {"robot": (0.1, 0.0, 0.2)})
+        one.call("set_wrapper_attr", "options", {"spot": (0.2, 0.1)})
+        one.set_attr("np_random", [np.random.default_rng(robot) for robot in range(3)])
+    for name in ("options", "np_random_seed", "render_mode", "action_space"):
+        assert batch.get_attr(name) == batch.call(name) == single.get_attr(name)
+        assert batch.call("get_wrapper_attr", name) == batch.get_attr(name)
+    for name in ("options", "colour"):
+        assert batch.call("has_wrapper_attr", name) == single.call("has_wrapper_attr", name)
+    for _ in range(9):
+        ours, theirs = (one.step(np.full((3, 2), 0.1, np.float32)) for one in (batch, single))
+        assert_same(ours[0], theirs[0])
+    assert_same_info(ours[4], theirs[4])
+    assert (ours[4]["spot"] == (0.2, 0.1)).all()
+    np.testing.assert_array_equal(batch.get_attr("position"), ours[4]["position"])
+    batch.set_state(batch.get_state())  # also with streams of unknown seeds
+    assert batch.get_attr("spec")[0].id == single.get_attr("spec")[0].id
     assert batch.get_attr("model")[0].nu == 2
     for call in (batch.get_attr, batch.call):
         with pytest.raises(AttributeError, match=r"have the attributes \[.*\], got 'colour'"):
             call("colour")
-    with pytest.raises(AttributeError, match="no attributes that can be set, use reset.*'spot'"):
+    with pytest.raises(AttributeError, match="can be given .'np_random', 'options'., got 'spot'"):
         batch.set_attr("spot", (0, 0))
+    for wrong in (np.random.default_rng(1), [np.random.default_rng(1)] * 2, [1, 2, 3]):
+        with pytest.raises(ValueError, match="np_random must be 3 generators, one for each robot"):
+            batch.np_random = wrong
+    for wrong, kind in (({"spot": (9, 9)}, ValueError), ({"colour": 1}, TypeError)):
+        for one in (batch, single):
+            with pytest.raises(kind):
+                one.set_attr("options", wrong)
+    assert batch.get_attr("options")[0] == {"spot": (0.2, 0.1)}

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 pytest.importorskip("stable_baselines3", reason="needs the extra `baselines`")
 
 from stable_baselines3.common.monitor import Monitor  # noqa: E402
@@ -47,13 +48,27 @@ def test_attributes_are_those_of_each_robot():
     assert len({*ours.get_attr("np_random_seed")}) == 3
     assert ours.get_attr("contact_steps", [1, 2]) == [0, 0]
     assert ours.get_images() == [None] * 3
-    with pytest.raises(AttributeError, match="no attributes of their own, got speed"):
+    assert ours.get_attr("spec")[0] == gymnasium.spec("musebot/WallAvoidanceObstacles-v0")
+    place = {"robot": (0.1, 0.0, 0.3)}
+    ours.env_method("set_wrapper_attr", "options", place)
+    assert ours.env_method("get_wrapper_attr", "options", indices=[1]) == [place]
+    ours.reset()
+    np.testing.assert_allclose(ours.get_attr("position"), [place["robot"][:2]] * 3)
+    ours.set_attr("options", {})
+    ours.reset()
+    assert not np.allclose(ours.get_attr("position"), place["robot"][:2])
+    with pytest.raises(ValueError, match="attributes can be set of all robots of a batch only"):
+        ours.set_attr("options", place, indices=0)
+    with pytest.raises(AttributeError, match=r"can be given .*'options'\), got 'speed'"):
         ours.set_attr("speed", 1)
-    with pytest.raises(AttributeError, match="no methods of their own, got fly"):
+    with pytest.raises(AttributeError, match=r"robots have the methods \(.*\), got 'fly'"):
         ours.env_method("fly")
     assert ours.env_is_wrapped(Monitor, [1, 2]) == [False, False]
     assert ours.env_is_wrapped(Monitor) == [False] * 3
     ours.close()
+    alive = ArenaVecEnv("life", 2, life="body")
+    alive.reset()
+    assert alive.get_attr("phase") == [0, 0] and alive.get_attr("spec")[0].id == "musebot/Life-v0"
 
 
 def test_options_set_for_all_robots_are_obeyed_once():

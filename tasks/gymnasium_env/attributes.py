@@ -1,0 +1,112 @@
+"""Attributes of the robots of a batch, as Gymnasium and Stable-Baselines3 read and set them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+from ..episode import Episode
+from .common import shared_options
+
+METHODS = ("get_wrapper_attr", "has_wrapper_attr", "render", "set_wrapper_attr")  # of robots
+SETTABLE = ("np_random", "options")  # attributes of robots
+
+
+class RobotAttributes(gymnasium.vector.VectorEnv):
+    """A batch of B robots, each of which has the attributes of `ArenaEnv`."""
+
+    _randoms: list[np.random.Generator]
+    _seeds: list[int]
+    _usual: Episode  # of the task
+    _episode: Episode  # with `options`
+    _batch: Any
+    _info: Any
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Random stream of every robot."""
+        return tuple(self._randoms)
+
+    @np_random.setter
+    def np_random(self, streams: Sequence[np.random.Generator]) -> None:
+        """Replaces the robots' random streams, whose seeds then are -1, as Gymnasium's are."""
+        streams = list(streams) if isinstance(streams, list | tuple) else []
+        sound = all(isinstance(stream, np.random.Generator) for stream in streams)
+        if not sound or len(streams) != self.num_envs:
+            raise ValueError(f"np_random must be {self.num_envs} generators, one for each robot")
+        self._randoms, self._seeds = streams, [-1] * self.num_envs
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Options of all further episodes; those of `reset` replace them for its own."""
+        return self._options
+
+    @options.setter
+    def options(self, options: Mapping[str, Any]) -> None:
+        start = self._usual.start_with(options)
+        self._episode = dataclasses.replace(self._usual, start=start)
+        self._options = dict(options)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Seed of every robot's random stream."""
+        return tuple(self._seeds)
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Returns what one of `METHODS` returns for every robot, or `get_attr(name)`."""
+        if name == "render":
+            return self.render(*args, **kwargs) or (None,) * self.num_envs
+        if name == "get_wrapper_attr":
+            return self.get_attr(*args, **kwargs)
+        if name == "has_wrapper_attr":
+            return (args[0] in self._attributes(),) * self.num_envs
+        if name == "set_wrapper_attr":
+            self.set_attr(*args, **kwargs)
+            return (True,) * self.num_envs
+        return self.get_attr(name)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns an attribute of every robot, such as an entry of `INFO`, `options` or a space.
+
+        Raises AttributeError where robots of a batch have no such attribute.
+        """
+        attributes = self._attributes()
+        if name not in attributes:
+            raise AttributeError(
+                f"robots of a batch have the attributes {sorted(attributes)}, got {name!r}"
+            )
+        return tuple(attributes[name])
+
+    def _attributes(self) -> Mapping[str, Sequence[Any]]:
+        """Returns the attributes of the robots, each with B values."""
+        shared = {
+            "action_space": self.single_action_space,
+            "observation_space": self.single_observation_space,
+            "metadata": self.metadata,
+            "model": self._batch.model,
+            "render_mode": self.render_mode,
+            "spec": self.spec,
+            "options": self.options,
+        }
+        info = {name: entry for name, entry in self._info().items() if not name.startswith("_")}
+        return {
+            **info,
+            **{name: (value,) * self.num_envs for name, value in shared.items()},
+            "np_random": self.np_random,
+            "np_random_seed": self.np_random_seed,
+        }
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Sets `options`, which are the same for all robots, or the robots' `np_random`.
+
+        Raises AttributeError for another attribute, and what its setter raises.
+        """
+        if name not in SETTABLE:
+            raise AttributeError(f"robots of a batch can be given {SETTABLE}, got {name!r}")
+        if name == "options" and isinstance(values, list | tuple):  # one for each robot
+            values = shared_options(values)
+        setattr(self, name, values)
