@@ -20,10 +20,10 @@ apt_install = { \
 	$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $(1)
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint gym cluster warp docs dist clean
+.PHONY: help run test lint gym cluster warp docs pictures dist clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-8s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 run: $(READY)  ## film a trained policy, let 60 robots learn, write their page; in runs/demo
 	mkdir -p $(DEMO)
@@ -54,6 +54,9 @@ docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/zensical build --strict --clean
 	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors' -delete
 	$(VENV)/bin/python docs/generator/check_site.py site
+
+pictures: $(READY)  ## make the films and pictures of the documents anew
+	$(VENV)/bin/python docs/generator/pictures.py
 
 dist: $(READY)  ## build the wheel and the sdist in dist/
 	@! grep -n 'example\.org' pyproject.toml >&2 || { \

@@ -1,5 +1,7 @@
 """The tables in docs/tasks.md and docs/own.md and the pages of tasks match the code."""
 
+import importlib.util
+import json
 import re
 from pathlib import Path
 
@@ -12,7 +14,8 @@ from musebot.protocols.cli.parser import parsed
 from musebot.tasks.episode import CONTROL_TIMESTEP
 from musebot.tasks.suite import SUITE, TASKS
 
-PAGE = Path(__file__).parents[1] / "docs" / "tasks.md"
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "tasks.md"
 TEXT = PAGE.read_text()
 REFERENCE = PAGE.parent / "reference" / "tasks"
 
@@ -28,11 +31,21 @@ def test_every_task_has_a_page_with_its_signals_a_picture_and_a_small_film():
         film = PAGE.parent / "images" / f"{name}.gif"
         with Image.open(film) as gif:
             assert gif.n_frames == 64
-        assert film.stat().st_size < 300_000
+        assert film.stat().st_size < 500_000
         assert f"(../../images/{name}.gif)" in page
         (words,) = re.findall(r"^Reproduce: `musebot film (.*)`$", page, re.MULTILINE)
         made = parsed(Film, "musebot film", words.split())
         assert (made.task, made.output.name, made.out) == (name, film.name, None)
+
+
+def test_the_pictures_were_made_of_what_they_show_today():
+    """After a change of the robot, the arena or what films draw: `make pictures`."""
+    spec = importlib.util.spec_from_file_location("pictures", ROOT / "docs/generator/pictures.py")
+    spec.loader.exec_module(pictures := importlib.util.module_from_spec(spec))
+    assert json.loads(pictures.MADE.read_text())["digest"] == pictures.digest()
+    assert all((pictures.IMAGES / name).is_file() for name in pictures.COMMANDS)
+    words = pictures.COMMANDS["before-after.gif"]
+    assert f"`musebot {words} --output before-after.gif`" in (ROOT / "docs/index.md").read_text()
 
 
 def test_the_table_has_the_film_the_page_and_the_id_of_every_task():

@@ -107,7 +107,7 @@ The measured event, whose share of the time is a robot's score: {_returned(rules
 
 The policy that musebot brings, in the episode of seed 1, at four times the real speed.
 
-Reproduce: `musebot film --task {name} --seed 1 --seconds 8 --output {name}.gif`
+Reproduce: `musebot film --task {name} --phase both --seed 1 --seconds 8 --output {name}.gif`
 
 ## Baselines
 
