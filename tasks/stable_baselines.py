@@ -99,7 +99,8 @@ class ArenaVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Sets an attribute of all robots, see `ArenaVectorEnv.set_attr`."""
-        self._all(indices)
+        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
+            raise ValueError("attributes can be set of all robots of a batch only")
         self._robots.set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
@@ -107,14 +108,10 @@ class ArenaVecEnv(VecEnv):
         if method_name not in METHODS:
             raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
         if method_name == "set_wrapper_attr":
-            self._all(indices)
+            self.set_attr(*args, indices=indices, **kwargs)
+            return [True] * self.num_envs
         values = self._robots.call(method_name, *args, **kwargs)
         return [values[robot] for robot in self._get_indices(indices)]
-
-    def _all(self, indices: Any) -> None:
-        """Raises ValueError unless indices are those of all robots."""
-        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
-            raise ValueError("attributes can be set of all robots of a batch only")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None

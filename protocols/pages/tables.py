@@ -22,7 +22,6 @@ from ..lives.run import FEW, Run
 from . import markdown as md
 
 VARIATION = "total variation"
-_FEW_DIGITS = ".2g"  # format of the numbers of few robots
 _NUMBERS = ("mean", "deviation", "post_share")  # of a column, behind its shares
 _INTERVALS = f"In brackets: 95 % intervals (Wilson for shares; for means and deviations {md.MEANS}"
 _OF_PAPER = (
@@ -78,18 +77,20 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
 
 
 def _shares_of_life(run: Run, task: str) -> list[list[str]]:
-    """Returns the rows of a life without tests: robots, and their share of the time."""
-    rows = [[""], ["robots"], [f"share of time {run.experiment.life_of(task).event}"]]
+    """Returns the rows of a life without tests: who, robots, and their share of the time."""
+    rows = [["", "robots", f"share of time {run.experiment.life_of(task).event}"]]
     for proposer in run.proposers(task):
         shares = run.life_shares(Condition(task, proposer))
-        ends = intervals.mean(shares, intervals.SHARE)
-        mean = float(shares.mean()) if len(shares) else math.nan
-        form = _FEW_DIGITS if run.few else ".4f"
-        share = md.with_interval(md.number(mean, form), ends, _FEW_DIGITS if run.few else ".3f")
-        cells = short_name(proposer), str(len(shares)), share
-        for row, cell in zip(rows, cells, strict=True):
-            row.append(cell)
+        mean = md.number(float(shares.mean()) if len(shares) else math.nan, _form(run, ".4f"))
+        span = intervals.mean(shares, intervals.SHARE)
+        share = md.with_interval(mean, span, _form(run, ".3f"))
+        rows.append([short_name(proposer), str(len(shares)), share])
     return rows
+
+
+def _form(run: Run, usual: str) -> str:
+    """Returns the format of a number: two digits for few robots."""
+    return ".2g" if run.few else usual
 
 
 def _columns(run: Run, condition: Condition) -> list[list[str]]:
@@ -97,7 +98,7 @@ def _columns(run: Run, condition: Condition) -> list[list[str]]:
     ours, paper = column(run, condition), paper_column(run.experiment, condition)
     name = short_name(condition.proposer)
     if run.few:
-        return [[name, *_cells(ours, _FEW_DIGITS, _FEW_DIGITS)]]
+        return [[name, *_cells(ours, ".2g", ".2g")]]
     if paper is None:
         return [[name, *_cells(ours), "-"]]
     distance, chance = _variation(ours, paper)

@@ -12,7 +12,7 @@ import numpy as np
 from ..episode import Episode
 from .common import shared_options
 
-METHODS = ("get_wrapper_attr", "has_wrapper_attr", "render", "set_wrapper_attr")  # of robots
+METHODS = ("get_wrapper_attr", "render", "set_wrapper_attr")  # of robots
 SETTABLE = ("np_random", "options")  # attributes of robots
 
 
@@ -34,11 +34,10 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
     @np_random.setter
     def np_random(self, streams: Sequence[np.random.Generator]) -> None:
         """Replaces the robots' random streams, whose seeds then are -1, as Gymnasium's are."""
-        streams = list(streams) if isinstance(streams, list | tuple) else []
-        sound = all(isinstance(stream, np.random.Generator) for stream in streams)
-        if not sound or len(streams) != self.num_envs:
+        found = [*streams] if isinstance(streams, list | tuple) else []
+        if [*map(type, found)] != [np.random.Generator] * self.num_envs:
             raise ValueError(f"np_random must be {self.num_envs} generators, one for each robot")
-        self._randoms, self._seeds = streams, [-1] * self.num_envs
+        self._randoms, self._seeds = found, [-1] * self.num_envs
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -62,8 +61,6 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
             return self.render(*args, **kwargs) or (None,) * self.num_envs
         if name == "get_wrapper_attr":
             return self.get_attr(*args, **kwargs)
-        if name == "has_wrapper_attr":
-            return (args[0] in self._attributes(),) * self.num_envs
         if name == "set_wrapper_attr":
             self.set_attr(*args, **kwargs)
             return (True,) * self.num_envs
@@ -74,31 +71,20 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
         Raises AttributeError where robots of a batch have no such attribute.
         """
-        attributes = self._attributes()
-        if name not in attributes:
-            raise AttributeError(
-                f"robots of a batch have the attributes {sorted(attributes)}, got {name!r}"
-            )
-        return tuple(attributes[name])
-
-    def _attributes(self) -> Mapping[str, Sequence[Any]]:
-        """Returns the attributes of the robots, each with B values."""
         shared = {
             "action_space": self.single_action_space,
             "observation_space": self.single_observation_space,
-            "metadata": self.metadata,
             "model": self._batch.model,
-            "render_mode": self.render_mode,
-            "spec": self.spec,
-            "options": self.options,
+            **{own: getattr(self, own) for own in ("metadata", "options", "render_mode", "spec")},
         }
-        info = {name: entry for name, entry in self._info().items() if not name.startswith("_")}
-        return {
-            **info,
-            **{name: (value,) * self.num_envs for name, value in shared.items()},
-            "np_random": self.np_random,
-            "np_random_seed": self.np_random_seed,
-        }
+        found = {own: entry for own, entry in self._info().items() if own[0] != "_"}
+        found |= {own: getattr(self, own) for own in ("np_random", "np_random_seed")}
+        found |= {own: (value,) * self.num_envs for own, value in shared.items()}
+        if name not in found:
+            raise AttributeError(
+                f"robots of a batch have the attributes {sorted(found)}, got {name!r}"
+            )
+        return tuple(found[name])
 
     def set_attr(self, name: str, values: Any) -> None:
         """Sets `options`, which are the same for all robots, or the robots' `np_random`.

@@ -92,7 +92,9 @@ def test_a_life_without_tests_has_a_score_and_no_class(tmp_path):
     entry = tables.as_json(run)["tables"]["body"]["fixed"]["ours"]
     assert entry["robots"] == 2 and entry["share"] == cell.ours
     text = tables.markdown(run)
-    assert "ignorant" not in text and "classed" not in text and "| share of time in the" in text
+    assert (
+        "ignorant" not in text and "classed" not in text and "| share of time in the spot |" in text
+    )
 
 
 # A run

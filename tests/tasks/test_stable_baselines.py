@@ -50,7 +50,7 @@ def test_attributes_are_those_of_each_robot():
     assert ours.get_images() == [None] * 3
     assert ours.get_attr("spec")[0] == gymnasium.spec("musebot/WallAvoidanceObstacles-v0")
     place = {"robot": (0.1, 0.0, 0.3)}
-    ours.env_method("set_wrapper_attr", "options", place)
+    assert ours.env_method("set_wrapper_attr", "options", place) == [True] * 3
     assert ours.env_method("get_wrapper_attr", "options", indices=[1]) == [place]
     ours.reset()
     np.testing.assert_allclose(ours.get_attr("position"), [place["robot"][:2]] * 3)
