@@ -16,7 +16,7 @@ class EvaluationNetwork:
 
     Attributes:
       networks: The networks, one for each of B robots.
-      optimizer: Optimizer of the networks.
+      optimizer: Optimizer of the networks, `SGD` or `Adam`.
     """
 
     def __init__(

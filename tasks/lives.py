@@ -102,7 +102,7 @@ class Leg:
       stop: Control step that follows the last one.
       number: Number of its phase, from 0.
       phase: Its phase.
-      changes_world: Whether the world is another one than before.
+      changes_world: Whether its world differs from that of the leg before.
     """
 
     start: int

@@ -51,7 +51,7 @@ class Experiment:
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Parameters of the kinematic simulator.
       brain: Parameters of the neurocontroller.
-      physics: What simulates the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
+      physics: Engine of the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
         computes in single precision (docs/physics.md).
       device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
         Warp and the brains compute. Random numbers and rounding differ between devices, and so do

@@ -104,7 +104,7 @@ def check_identity(
       held: Values that it stores, by name: plain data or dataclasses. Parameters of an experiment
         that did not exist when it was written have their defaults.
       wanted: Values that are wanted of it; it may store others besides.
-      what: What it holds, in words.
+      what: What the file describes, in words for the message: "a run".
 
     Raises:
       DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
