@@ -18,7 +18,6 @@ except ModuleNotFoundError as error:
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
-from .gymnasium_env.attributes import METHODS
 from .gymnasium_env.common import FPS, LIFE_INFO, shared_options, task_name
 from .suite import LIFE_DOMAIN
 
@@ -99,22 +98,14 @@ class ArenaVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Sets an attribute of all robots, see `ArenaVectorEnv.set_attr`."""
-        self._all(indices)
+        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
+            raise ValueError("attributes can be set of all robots of a batch only")
         self._robots.set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
         """Returns what a method of robots returns, see `ArenaVectorEnv.call`."""
-        if method_name not in METHODS:
-            raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
-        if method_name == "set_wrapper_attr":
-            self._all(indices)
         values = self._robots.call(method_name, *args, **kwargs)
         return [values[robot] for robot in self._get_indices(indices)]
-
-    def _all(self, indices: Any) -> None:
-        """Raises ValueError unless indices are those of all robots."""
-        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
-            raise ValueError("attributes can be set of all robots of a batch only")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None

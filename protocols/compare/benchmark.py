@@ -130,8 +130,8 @@ class Benchmark(Study):
     def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
         """The best settings of each tuned agent of the command, by recorded name and signals."""
         return {  # no other agent's code may run
-            key: one.study.best(one.folder).settings
-            for key, one in read_tunings(self.tuned).items()
+            key: study.best(folder).settings
+            for key, (folder, study) in read_tunings(self.tuned).items()
             if key[0] in self._learners
         }
 

@@ -273,19 +273,8 @@ def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
     return np.array(shares)
 
 
-class Tuning(NamedTuple):
-    """A study that tunes, as read from its folder; nothing that the folder names is imported.
-
-    Attributes:
-      folder: Folder of the study.
-      study: The study.
-    """
-
-    folder: Path
-    study: Tune
-
-
-def _read_tuning(folder: Path) -> Tuning:
+def _read_tuning(folder: Path) -> Tune:
+    """Reads a study from its folder; nothing that the folder names is imported."""
     path = folder / STUDY_FILE
     try:
         held = read_json(path)
@@ -298,20 +287,20 @@ def _read_tuning(folder: Path) -> Tuning:
             raise ValueError("it has another number of trials")
     except (*UNREADABLE, InputError, OSError) as error:
         raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
-    return Tuning(folder, study)
+    return study
 
 
-def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:
-    """Returns studies that tune by the recorded name of their agent and its signals.
+def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], tuple[Path, Tune]]:
+    """Returns studies that tune and their folders, by recorded name of their agent and signals.
 
     Raises:
       InputError: a folder holds no such study, or an agent was tuned twice with the same signals.
     """
-    found: dict[tuple[str, str], Tuning] = {}
-    for tuning in map(_read_tuning, folders):
-        study = tuning.study
+    found: dict[tuple[str, str], tuple[Path, Tune]] = {}
+    for folder in folders:
+        study = _read_tuning(folder)
         key = recorded_name(study.agent), study.signals
         if key in found:
             raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-        found[key] = tuning
+        found[key] = folder, study
     return found

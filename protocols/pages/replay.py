@@ -29,7 +29,7 @@ from ..lives.conditions import CohortKey, Condition
 from ..lives.device import decide
 from ..lives.experiment import Experiment
 from ..lives.run import Run, When
-from ..progress import StepProgress
+from ..progress import tracked
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
@@ -232,10 +232,8 @@ class Relived:
         if not 0 <= steps < cohort.steps:
             last = cohort.steps / control_steps(1)
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
-        with StepProgress(f"living {minute:g} minutes", math.ceil(minute)) as progress:
-            while cohort.step < steps:
-                cohort.advance(min(control_steps(1), steps - cohort.step))
-                progress.advance()
+        for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
+            cohort.advance(min(control_steps(1), steps - cohort.step))
         return cls(cohort, robot)
 
     @property
@@ -367,14 +365,12 @@ def watch(
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
     life, counts = fused_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
-    with StepProgress(f"observing {what}", steps) as progress:
-        for step in range(steps):
-            if life is not None:
-                life(1, learning, counts)
-            else:
-                batch.step(decide(agent, batch, learning))
-            poses[step + 1] = batch.pose
-            events[step] = batch.rules.event(batch.sensordata)
-            nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
-            progress.advance()
+    for step in tracked(range(steps), f"observing {what}"):
+        if life is not None:
+            life(1, learning, counts)
+        else:
+            batch.step(decide(agent, batch, learning))
+        poses[step + 1] = batch.pose
+        events[step] = batch.rules.event(batch.sensordata)
+        nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
     return Track(poses, events, batch.spot[0], nose)

@@ -12,7 +12,6 @@ import numpy as np
 from ..episode import Episode
 from .common import shared_options
 
-METHODS = ("get_wrapper_attr", "has_wrapper_attr", "render", "set_wrapper_attr")  # of robots
 SETTABLE = ("np_random", "options")  # attributes of robots
 
 
@@ -57,16 +56,9 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
         return tuple(self._seeds)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns what one of `METHODS` returns for every robot, or `get_attr(name)`."""
+        """Returns what `render` returns for every robot, or `get_attr(name)`."""
         if name == "render":
             return self.render(*args, **kwargs) or (None,) * self.num_envs
-        if name == "get_wrapper_attr":
-            return self.get_attr(*args, **kwargs)
-        if name == "has_wrapper_attr":
-            return (args[0] in self._attributes(),) * self.num_envs
-        if name == "set_wrapper_attr":
-            self.set_attr(*args, **kwargs)
-            return (True,) * self.num_envs
         return self.get_attr(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -74,15 +66,6 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
         Raises AttributeError where robots of a batch have no such attribute.
         """
-        attributes = self._attributes()
-        if name not in attributes:
-            raise AttributeError(
-                f"robots of a batch have the attributes {sorted(attributes)}, got {name!r}"
-            )
-        return tuple(attributes[name])
-
-    def _attributes(self) -> Mapping[str, Sequence[Any]]:
-        """Returns the attributes of the robots, each with B values."""
         shared = {
             "action_space": self.single_action_space,
             "observation_space": self.single_observation_space,
@@ -92,13 +75,14 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
             "spec": self.spec,
             "options": self.options,
         }
-        info = {name: entry for name, entry in self._info().items() if not name.startswith("_")}
-        return {
-            **info,
-            **{name: (value,) * self.num_envs for name, value in shared.items()},
-            "np_random": self.np_random,
-            "np_random_seed": self.np_random_seed,
-        }
+        own = {key: entry for key, entry in self._info().items() if not key.startswith("_")}
+        own |= {"np_random": self.np_random, "np_random_seed": self.np_random_seed}
+        if name in shared:
+            return (shared[name],) * self.num_envs
+        if name not in own:
+            known = sorted({*shared, *own})
+            raise AttributeError(f"robots of a batch have the attributes {known}, got {name!r}")
+        return tuple(own[name])
 
     def set_attr(self, name: str, values: Any) -> None:
         """Sets `options`, which are the same for all robots, or the robots' `np_random`.

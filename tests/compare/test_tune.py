@@ -142,10 +142,10 @@ def test_bad_input_is_refused_in_a_sentence(changes, sentence):
 
 def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path):
     study, out, _ = tuned["each"]
-    (tuning,) = read_tunings([out]).values()
-    assert (tuning.study, tuning.folder) == (study, out)
+    ((folder, read),) = read_tunings([out]).values()
+    assert (read, folder) == (study, out)
     with pytest.raises(InputError, match="trust"):
-        tuning.study.best(out)
+        read.best(out)
     assert [*read_tunings([out])] == [("mine:each", "paper")]
     with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
         read_tunings([out, out])
@@ -175,11 +175,11 @@ def test_every_learner_of_ours_can_be_tuned_but_for_its_size():
 
 def test_a_kept_tuning_has_the_best_trial_of_its_page():
     for folder in KEPT.iterdir():
-        (tuning,) = read_tunings([folder]).values()
-        tuning.study.check(folder)
-        best = tuning.study.best(folder)
+        ((_, study),) = read_tunings([folder]).values()
+        study.check(folder)
+        best = study.best(folder)
         kept = (folder / "tune.md").read_text().splitlines()
         assert any(line.startswith(f"Best: trial {best.number}, ") for line in kept)
-        made = tuning.study.page(folder).markdown.splitlines()
+        made = study.page(folder).markdown.splitlines()
         rows, wanted = ([line for line in text if line[:1] == "|"] for text in (made, kept))
         assert rows == wanted
