@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...controller import BRAINS, PROPOSERS
-from ...fields import shown
+from ...fields import shown, whole
 from ...models import Kinematics
 from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
@@ -19,12 +19,12 @@ from ..errors import InputError, nearest
 from ..lives.conditions import Condition
 from ..lives.config import with_overrides
 from ..lives.experiment import Backend, Body, Experiment, Signals
-from ..lives.plan import Plan
+from ..lives.plan import MOST_ROBOTS, Plan
 from ..lives.run import Run
 from ..lives.run_files import read_runs
 from .bounds import bounds_job, matrix_of
 from .lives_page import Column, Row, page
-from .study import Page, RunJobs, Study, check_positive, simulate_runs
+from .study import Page, RunJobs, Study, simulate_runs
 from .tune import BODY_EFFECTS, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
@@ -49,7 +49,7 @@ class Benchmark(Study):
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     tuned: tuple[Path, ...] = ()
     signals: Signals = "paper"
-    robots: int = 60
+    robots: int = whole(60, 1, MOST_ROBOTS)
     seed: int = 61010
     body: Body = "kinematic"
     time_scale: float = 1.0
@@ -57,7 +57,6 @@ class Benchmark(Study):
 
     def identity(self) -> Mapping[str, Any]:
         """Returns what all runs share: learners and lives may be added later."""
-        check_positive(robots=self.robots)
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
             raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")

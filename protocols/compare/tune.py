@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
+from ...fields import whole
 from ...models import Kinematics
 from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
@@ -26,11 +27,11 @@ from ..lives.conditions import Condition, check_proposer
 from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
-from ..lives.plan import Plan, check_memory
+from ..lives.plan import MOST_ROBOTS, Plan, check_memory
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json
 from .jobs import ArrayJob, lives
-from .study import STUDY_FILE, Page, RunJobs, Study, check_positive
+from .study import STUDY_FILE, Page, RunJobs, Study
 
 # Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
 BODY_EFFECTS = "felt=pushed", "wall=slips", "lag=0.08"
@@ -87,9 +88,9 @@ class Tune(Study):
     agent: str
     signals: Signals = "paper"
     life: str = SPOT_FINDING.name
-    trials: int = 16
-    kept: int = 4
-    robots: int = 20
+    trials: int = whole(16, 1, _MOST)
+    kept: int = whole(4, 1, _MOST)
+    robots: int = whole(20, 1, MOST_ROBOTS)
     seed: int = 32001
     time_scale: float = 1.0
 
@@ -100,8 +101,6 @@ class Tune(Study):
 
     def check_options(self) -> None:
         """Raises InputError where an option is invalid; imports no agent."""
-        check_positive(_MOST, trials=self.trials, kept=self.kept)
-        check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
         check_name("life", self.life, LIVES)

@@ -127,7 +127,7 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
         ({"agent": "creative"}, "is a proposer of the brain"),
         ({"life": "boddy"}, "there is no life 'boddy'; did you mean body"),
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
-        ({"trials": 0}, "trials must be from 1 to 1024, got 0"),
+        ({"trials": 0}, "trials must be a whole number from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
         (  # the second round, not the first
             {"agent": "sarsa_lambda", "robots": 100_000, "trials": 16, "kept": 16},
