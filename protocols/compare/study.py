@@ -19,9 +19,9 @@ from ..errors import DamagedFileError, InputError
 from ..lives.experiment import Experiment
 from ..lives.jobs import Executor, Job, execute
 from ..lives.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
-from ..lives.plan import Plan, check_memory
-from ..lives.run_files import has_all_robots, planned
-from ..lives.runs import UnfinishedRun, check_agents
+from ..lives.plan import Plan
+from ..lives.run_files import planned
+from ..lives.runs import UnfinishedRun
 from ..pages import style
 from ..storage import (
     check_folder,
@@ -187,14 +187,12 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
     """Checks before anything is written that runs can be begun or continued.
 
     Raises:
-      InputError: a folder holds another run, an agent fails, or the memory is too small.
+      InputError: a folder holds another run, or its robots cannot be simulated.
     """
     for name, plan in plans.items():
         if (held := planned(out / name)) is not None:
             check_identity(out / name, vars(held.experiment), vars(plan.experiment))
-        if not has_all_robots(out / name, plan):
-            check_memory(plan)
-            check_agents(plan)
+        UnfinishedRun.read(out / name, plan).check()
 
 
 def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> None:

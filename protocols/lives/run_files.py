@@ -221,18 +221,6 @@ def read_runs(
     return [read_run(*pair, replay=replay, networks=networks) for pair in pairs]
 
 
-def has_all_robots(directory: Path, plan: Plan) -> bool:
-    """Returns whether a folder has all robots of a plan.
-
-    Raises:
-      InputError: see `read_so_far`.
-    """
-    if not (directory / MANIFEST).is_file():
-        return False
-    run = read_so_far(directory, networks=False)
-    return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())
-
-
 def run_names(directories: Sequence[Path]) -> list[str]:
     """Returns the folders' names, with as many folders above them as make the names differ."""
     paths = [resolved(directory) for directory in directories]

@@ -18,7 +18,6 @@ from musebot.protocols.lives.run import Lives, joined, network_shapes
 from musebot.protocols.lives.run_files import (
     RESULTS_FILE,
     ROBOTS_FILE,
-    has_all_robots,
     planned,
     read_measured,
     read_run,
@@ -204,12 +203,6 @@ def test_a_folder_holds_a_plan_or_can_hold_a_new_run_or_is_foreign(folder, tmp_p
             with pytest.raises(InputError, match=str(path)):
                 planned(path)
         (tmp_path / "new" / name).unlink()
-
-
-def test_a_folder_has_all_robots_of_a_plan_or_not(folder, tmp_path):
-    assert has_all_robots(folder, Plan(EXPERIMENT, {WALLS: 2, SPOT: 4}))
-    assert not has_all_robots(folder, Plan(EXPERIMENT, {WALLS: 4}))
-    assert not has_all_robots(tmp_path, PLAN)
 
 
 def test_runs_have_distinct_names_and_none_is_given_twice(folder, tmp_path):
