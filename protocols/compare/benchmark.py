@@ -21,7 +21,7 @@ from ..lives.config import with_overrides
 from ..lives.experiment import Backend, Body, Experiment, Signals
 from ..lives.plan import MOST_ROBOTS, Plan
 from ..lives.run import Run
-from ..lives.run_files import read_runs
+from ..lives.run_files import read_run
 from .bounds import bounds_job, matrix_of
 from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, simulate_runs
@@ -143,8 +143,9 @@ class Benchmark(Study):
         for name in self.life:
             life = self.experiment().life_of(name)
             matrix = matrix_of(bounds_job(out, self.experiment(), name), life)
-            folders = [folder for folder, (own, _) in self._runs.items() if own == name]
-            runs = read_runs([out / folder for folder in folders])
+            runs = [
+                read_run(out / folder) for folder, (own, _) in self._runs.items() if own == name
+            ]
             rows = [row for run in runs for row in _rows(run, life, matrix.bounds(life))]
             columns.append(Column(life, matrix, rows))
         return page(columns)
