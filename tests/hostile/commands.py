@@ -154,7 +154,7 @@ def begun_only(patch):
     patch.setattr(film, "write", _two_frames)
     for module, names in (
         (measured_behaviour, ("observe",)),
-        (speed, ("lives", "interfaces", "processes", "populations")),
+        (speed, ("lives", "interfaces", "backends", "populations")),
         (doctor, ("report",)),
     ):
         for name in names:
