@@ -18,6 +18,7 @@ except ModuleNotFoundError as error:
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
+from .gymnasium_env.attributes import METHODS
 from .gymnasium_env.common import FPS, LIFE_INFO, shared_options, task_name
 from .suite import LIFE_DOMAIN
 
@@ -104,6 +105,11 @@ class ArenaVecEnv(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
         """Returns what a method of robots returns, see `ArenaVectorEnv.call`."""
+        if method_name not in METHODS:
+            raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
+        if method_name == "set_wrapper_attr":
+            self.set_attr(*args, indices=indices, **kwargs)
+            return [True] * self.num_envs
         values = self._robots.call(method_name, *args, **kwargs)
         return [values[robot] for robot in self._get_indices(indices)]
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..episode import Episode
 from .common import shared_options
 
+METHODS = ("get_wrapper_attr", "render", "set_wrapper_attr")  # of robots
 SETTABLE = ("np_random", "options")  # attributes of robots
 
 
@@ -33,11 +34,10 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
     @np_random.setter
     def np_random(self, streams: Sequence[np.random.Generator]) -> None:
         """Replaces the robots' random streams, whose seeds then are -1, as Gymnasium's are."""
-        streams = list(streams) if isinstance(streams, list | tuple) else []
-        sound = all(isinstance(stream, np.random.Generator) for stream in streams)
-        if not sound or len(streams) != self.num_envs:
+        found = [*streams] if isinstance(streams, list | tuple) else []
+        if [*map(type, found)] != [np.random.Generator] * self.num_envs:
             raise ValueError(f"np_random must be {self.num_envs} generators, one for each robot")
-        self._randoms, self._seeds = streams, [-1] * self.num_envs
+        self._randoms, self._seeds = found, [-1] * self.num_envs
 
     @property
     def options(self) -> Mapping[str, Any]:
@@ -56,9 +56,14 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
         return tuple(self._seeds)
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Returns what `render` returns for every robot, or `get_attr(name)`."""
+        """Returns what one of `METHODS` returns for every robot, or `get_attr(name)`."""
         if name == "render":
             return self.render(*args, **kwargs) or (None,) * self.num_envs
+        if name == "get_wrapper_attr":
+            return self.get_attr(*args, **kwargs)
+        if name == "set_wrapper_attr":
+            self.set_attr(*args, **kwargs)
+            return (True,) * self.num_envs
         return self.get_attr(name)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
@@ -69,20 +74,17 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
         shared = {
             "action_space": self.single_action_space,
             "observation_space": self.single_observation_space,
-            "metadata": self.metadata,
             "model": self._batch.model,
-            "render_mode": self.render_mode,
-            "spec": self.spec,
-            "options": self.options,
+            **{own: getattr(self, own) for own in ("metadata", "options", "render_mode", "spec")},
         }
-        own = {key: entry for key, entry in self._info().items() if not key.startswith("_")}
-        own |= {"np_random": self.np_random, "np_random_seed": self.np_random_seed}
-        if name in shared:
-            return (shared[name],) * self.num_envs
-        if name not in own:
-            known = sorted({*shared, *own})
-            raise AttributeError(f"robots of a batch have the attributes {known}, got {name!r}")
-        return tuple(own[name])
+        found = {own: entry for own, entry in self._info().items() if own[0] != "_"}
+        found |= {own: getattr(self, own) for own in ("np_random", "np_random_seed")}
+        found |= {own: (value,) * self.num_envs for own, value in shared.items()}
+        if name not in found:
+            raise AttributeError(
+                f"robots of a batch have the attributes {sorted(found)}, got {name!r}"
+            )
+        return tuple(found[name])
 
     def set_attr(self, name: str, values: Any) -> None:
         """Sets `options`, which are the same for all robots, or the robots' `np_random`.

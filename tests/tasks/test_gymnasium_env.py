@@ -246,10 +246,11 @@ def test_attributes_of_a_batch_are_those_of_single_envs():
     for one in (batch, single):
         one.reset(seed=4)
         one.set_attr("options", {"robot": (0.1, 0.0, 0.2)})
-        one.set_attr("options", {"spot": (0.2, 0.1)})
+        one.call("set_wrapper_attr", "options", {"spot": (0.2, 0.1)})
         one.set_attr("np_random", [np.random.default_rng(robot) for robot in range(3)])
     for name in ("options", "np_random_seed", "render_mode", "action_space"):
         assert batch.get_attr(name) == batch.call(name) == single.get_attr(name)
+        assert batch.call("get_wrapper_attr", name) == batch.get_attr(name)
     for _ in range(9):
         ours, theirs = (one.step(np.full((3, 2), 0.1, np.float32)) for one in (batch, single))
         assert_same(ours[0], theirs[0])
