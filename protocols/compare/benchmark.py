@@ -17,7 +17,6 @@ from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, sho
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, nearest
 from ..lives.conditions import Condition
-from ..lives.config import with_overrides
 from ..lives.experiment import Backend, Body, Experiment, Signals
 from ..lives.plan import MOST_ROBOTS, Plan
 from ..lives.run import Run
@@ -25,7 +24,7 @@ from ..lives.run_files import read_run
 from .bounds import bounds_job, matrix_of
 from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, simulate_runs
-from .tune import BODY_EFFECTS, read_tunings
+from .tune import LIKE_MUJOCO, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
 HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
@@ -92,12 +91,14 @@ class Benchmark(Study):
         return found
 
     def _experiment(self, fields: Mapping[str, Any]) -> Experiment:
-        effects = BODY_EFFECTS if self.body == "kinematic" else ()
+        kinematics = Kinematics()
+        if self.body == "kinematic":
+            kinematics = dataclasses.replace(LIKE_MUJOCO, pieces=1)
         return Experiment(
             seed=self.seed,
             cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
-            kinematics=with_overrides(Kinematics(), (*effects, "pieces=1")),
+            kinematics=kinematics,
             time_scale=self.time_scale,
             **fields,
         )

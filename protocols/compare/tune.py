@@ -24,7 +24,6 @@ from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError, check_name
 from ..lives.conditions import Condition, check_proposer
-from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
 from ..lives.plan import MOST_ROBOTS, Plan, check_memory
@@ -34,7 +33,7 @@ from .jobs import ArrayJob, lives
 from .study import STUDY_FILE, Page, RunJobs, Study
 
 # Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
-BODY_EFFECTS = "felt=pushed", "wall=slips", "lag=0.08"
+LIKE_MUJOCO = Kinematics(felt="pushed", wall="slips", lag=0.08)
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 _PARTS: Mapping[Stage, str] = {"post": "after training", "training": "during training"}
@@ -223,7 +222,7 @@ class Tune(Study):
             cohort_size=self._robots(again) * len(trials),
             time_scale=self.time_scale,
             body="kinematic",
-            kinematics=with_overrides(Kinematics(), BODY_EFFECTS),
+            kinematics=LIKE_MUJOCO,
             signals=self.signals,
             settings=words,
         )

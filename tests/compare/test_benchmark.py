@@ -42,6 +42,7 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         assert plan.experiment.kinematics == Kinematics(
             felt="pushed", wall="slips", lag=0.08, pieces=1
         )
+    assert Benchmark(body="mujoco", robots=30).experiment().kinematics == Kinematics()
 
 
 @pytest.mark.parametrize(
