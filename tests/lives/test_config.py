@@ -45,13 +45,13 @@ def test_a_named_brain_is_found_by_its_name_and_named_by_it():
 
 
 def test_overrides_replace_the_named_parameters_only():
-    for numbers, words, changed in (
+    for numbers, words, values in (
         (Parameters(), ["fixed_motors=[0.0,0.5]"], dict(fixed_motors=(0.0, 0.5))),
         (BRAINS["steady"], ["initial_epsilon=null"], dict(initial_epsilon=None)),
         (Kinematics(), ["wall=slides", "any_contact=true"], dict(wall="slides", any_contact=True)),
     ):
         found = with_overrides(numbers, words)
-        assert found == dataclasses.replace(numbers, **changed)
+        assert found == dataclasses.replace(numbers, **values)
         assert with_overrides(numbers, overrides_of(found, numbers)) == found
 
 
