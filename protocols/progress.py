@@ -7,78 +7,36 @@ import datetime
 import queue
 import sys
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
 from rich.text import Text
 
 from .terminal import notice, printable, say_if_possible
 
-_FIRST, _MINUTE = 5.0, 60.0  # seconds to the first line of progress in a file; at most later
-_DESCRIPTION = TextColumn("{task.description}", markup=False)
+Step = TypeVar("Step")
+
+# Seconds to the first line in a file; each pause is twice the one before, up to a minute.
+_FIRST, _MINUTE = 5.0, 60.0
 
 
 def _draws_bars() -> bool:
-    """Returns whether stderr is a terminal that can draw a bar; else progress is lines of text."""
+    """Returns whether stderr is a terminal that can draw a bar."""
     with contextlib.suppress(AttributeError, ValueError):  # none, a replacement, or closed
         return sys.stderr.isatty() and not Console(stderr=True).is_dumb_terminal
     return False
 
 
-class _Pace:
-    """Times of the lines of progress in a file: 5, 10, 20, 40 and then 60 seconds apart."""
+def tracked(steps: Iterable[Step], what: str, count: int | None = None) -> Iterable[Step]:
+    """Yields steps of about equal length in this process, with a bar on a terminal.
 
-    def __init__(self) -> None:
-        self._began, self._wait = time.monotonic(), _FIRST
-
-    def due(self) -> bool:
-        """Returns whether it is time for a line, and if so begins to wait for the next."""
-        if (now := time.monotonic()) - self._began < self._wait:
-            return False
-        self._began, self._wait = now, min(2 * self._wait, _MINUTE)
-        return True
-
-
-class StepProgress:
-    """Progress of steps of about equal length, in this process: a bar, or lines in a file."""
-
-    def __init__(self, what: str, steps: int) -> None:
-        """Takes a description and the number of the steps; nothing is shown for 0."""
-        self._what, self._steps, self._done = printable(what), steps, 0
-        self._lines = not _draws_bars()
-        self._progress = Progress(
-            _DESCRIPTION,
-            BarColumn(),
-            TextColumn("{task.percentage:5.1f} %"),
-            TextColumn("left"),
-            TimeRemainingColumn(elapsed_when_finished=False),
-            console=Console(stderr=True),
-            disable=self._lines or not steps,
-        )
-        self._bar = self._progress.add_task(self._what, total=steps)
-        self._began, self._pace = time.monotonic(), _Pace()
-
-    def __enter__(self) -> StepProgress:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
-
-    def advance(self) -> None:
-        """Counts a step."""
-        self._done += 1
-        self._progress.advance(self._bar)
-        if self._lines and self._pace.due():
-            seconds = (time.monotonic() - self._began) * (self._steps / self._done - 1)
-            notice(f"{self._what}: {100 * self._done / self._steps:.1f} %, {remaining(seconds)}")
-
-
-def remaining(seconds: float) -> str:
-    """Returns a remaining time in words."""
-    return f"{datetime.timedelta(seconds=max(round(seconds), 0))} left"
+    `what` describes them. `count` is their number, None where the steps know it.
+    """
+    console = Console(stderr=True)
+    return track(steps, escape(printable(what)), count, console=console, disable=not _draws_bars())
 
 
 class JobProgress:
@@ -111,7 +69,7 @@ class JobProgress:
         self._first: dict[int, float] = {}  # the speed does not count earlier calls
         self._lines = not (quiet or _draws_bars())
         self._progress = Progress(
-            _DESCRIPTION,
+            TextColumn("{task.description}", markup=False),
             BarColumn(),
             TextColumn("{task.percentage:5.1f} %"),
             TextColumn("{task.fields[speed]}"),
@@ -124,7 +82,8 @@ class JobProgress:
         amount = f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
         self._what = f"{printable(what)}, {amount} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
-        self._began, self._pace = time.monotonic(), _Pace()
+        self._began, self._pause = time.monotonic(), _FIRST
+        self._due = self._began + _FIRST  # time of the next line
         self._shown: float | None = None  # simulated seconds done at the last line
 
     def __enter__(self) -> JobProgress:
@@ -156,7 +115,9 @@ class JobProgress:
                 self._first.setdefault(number, done)
         done, speed, left = self._state()
         self._progress.update(self._bar, completed=done, speed=speed, left=left)
-        if self._lines and self._pace.due():
+        if self._lines and (now := time.monotonic()) >= self._due:
+            self._pause = min(2 * self._pause, _MINUTE)
+            self._due = now + self._pause
             notice(self.line())
             self._shown = done
         self._watcher()
@@ -183,5 +144,5 @@ class JobProgress:
         if not new > 0 or not seconds > 0:
             return done, "", ""
         speed = new / seconds
-        left = remaining((sum(self._costs) - done) / speed)
-        return done, f"{speed:,.0f} x real time", left
+        left = datetime.timedelta(seconds=max(round((sum(self._costs) - done) / speed), 0))
+        return done, f"{speed:,.0f} x real time", f"{left} left"

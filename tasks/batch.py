@@ -308,7 +308,7 @@ class Batch(Robots):
         mujoco.mj_forward(self.model, data)
 
     def simulate(self) -> np.ndarray:
-        """Simulates the physics of a control step: the part of `step` that benchmarks time.
+        """Simulates the physics of a control step, without checks.
 
         Returns the measurements at the start of the last physics step, shape (B, nsensordata).
         """

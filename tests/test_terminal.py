@@ -59,25 +59,16 @@ def test_jobs_are_weighed_by_cost_and_what_an_earlier_call_did_is_not_this_ones_
         assert progress.line() == "82.0 %, 1 of 2 jobs done, 10 x real time, 0:01:30 left"
 
 
-def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(clock):
-    pace, due = module._Pace(), []
-    for second in range(300):
-        clock[0] = float(second)
-        if pace.due():
-            due.append(second)
+def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(capfd, clock):
+    due = []
+    with JobProgress("one cohort", [4000.0]) as progress:
+        capfd.readouterr()
+        for second in range(300):
+            clock[0] = float(second)
+            progress.show(reports_of((0, float(second), "")))
+            if capfd.readouterr().err:
+                due.append(second)
     assert due == [5, 15, 35, 75, 135, 195, 255]
-
-
-def test_steps_of_one_process_leave_lines_with_the_time_left(capfd, clock):
-    with module.StepProgress("watching\n", 40) as progress:
-        for _ in range(8):
-            clock[0] += 1
-            progress.advance()
-    lines = capfd.readouterr().err.splitlines()
-    assert lines == [r"musebot: watching\n: 12.5 %, 0:00:35 left"]
-    with module.StepProgress("nothing", 0):
-        pass
-    assert capfd.readouterr().err == ""
 
 
 def test_bars_are_drawn_on_terminals_only(monkeypatch):
@@ -97,7 +88,9 @@ def test_bars_are_drawn_on_terminals_only(monkeypatch):
                 patch.setenv(name, value)
             with JobProgress("jobs", [1.0]) as progress:
                 progress.tell("a message")
+            assert [*module.tracked(range(3), "[red]steps\n")] == [0, 1, 2]
         assert ("\x1b" in stream.getvalue()) == bars and "a message" in stream.getvalue()
+        assert (r"[red]steps\n" in stream.getvalue()) == bars
 
 
 class Full(io.StringIO):
@@ -112,9 +105,6 @@ def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
     with JobProgress("jobs", [1.0]) as progress:
         progress.tell("a message")
         progress.show(queue.Queue())
-    with module.StepProgress("steps", 1) as steps:
-        steps._pace._wait = 0.0
-        steps.advance()
     assert exit_status(lambda: notice("unheard"), check=False) == 0
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from tables import table
 
 from musebot.protocols.agents.names import short_name
-from musebot.protocols.lives.run_files import read_measured, read_so_far
+from musebot.protocols.lives.run_files import read_measured, read_run
 from musebot.protocols.pages.markdown import particulars
 
 
@@ -42,7 +42,7 @@ defaults: brain `paper`, body `mujoco`.
 
 
 def _run(folder: Path, results: Path) -> tuple[str, ...]:
-    run, name = read_so_far(folder, networks=False), str(folder.relative_to(results))
+    run, name = read_run(folder, networks=False), str(folder.relative_to(results))
     experiment = run.experiment
     brains = all(lives.after for lives in read_measured(folder, experiment).values())
     shown = name if brains else f"{name} (no brains)"

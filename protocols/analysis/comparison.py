@@ -13,7 +13,7 @@ from ..lives.conditions import CohortKey, Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES
 from ..lives.run import Run
-from ..progress import StepProgress
+from ..progress import tracked
 from . import intervals
 from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
 from .intervals import Interval
@@ -170,10 +170,8 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.
     draws = max(DRAWS, 1000 * CELLS * len(conditions))
     found: list[Cell] = []
-    with StepProgress("comparing", len(conditions)) as progress:
-        for condition in conditions:
-            found += _column(ours, other, condition, draws)
-            progress.advance()
+    for condition in tracked(conditions, "comparing"):
+        found += _column(ours, other, condition, draws)
     values = holm(np.array([cell.p for cell in found]))
     return [
         dataclasses.replace(cell, corrected=float(value))

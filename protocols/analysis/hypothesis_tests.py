@@ -241,27 +241,6 @@ def _welch(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.where(distance < _NO_SCATTER, 0.0, distance / np.maximum(error, _NO_SCATTER))
 
 
-def same_draws(first: np.ndarray, second: np.ndarray) -> float:
-    """Returns the two-sided p-value of a bootstrap test that two groups' statistics are equal.
-
-    p is the smallest level at which the percentile interval of the difference excludes 0. Unlike a
-    permutation test it does not need groups whose values are spread alike.
-
-    Args:
-      first: Bootstrap draws of the first group's statistic, shape (R,).
-      second: Draws of the second group's statistic, shape (R,). Draws with the same index share
-        what both statistics depend on, such as the bounds of a score.
-
-    Returns:
-      The p-value, at least 2 / (R + 1); NaN where a draw is NaN.
-    """
-    apart = np.round(first - second, 9)  # else rounding errors would make equal draws differ
-    if np.isnan(apart).any():
-        return float("nan")
-    fewer = min((apart <= 0).sum(), (apart >= 0).sum())
-    return min(1.0, 2 * (int(fewer) + 1) / (len(apart) + 1))
-
-
 def holm(p_values: np.ndarray) -> np.ndarray:
     """Returns the p-values of a family after Holm's step-down correction.
 

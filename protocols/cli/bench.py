@@ -12,13 +12,11 @@ from .options import option
 _TEXTS = {
     "machine": "Rates are in robot-steps per second. A ratio is the median of the ratios of paired "
     "repetitions, with its range. MuJoCo's timers are off.",
-    "lives": "Creative robots in training (sensors, brain, counts, physics), and the physics "
-    "alone, which repeats their motor values from the same states: `mujoco.rollout`, one call for "
-    "each control step, or the kinematic simulator.",
+    "lives": "Creative robots in training (sensors, brain, counts, physics), and their physics "
+    "alone with random motor values.",
     "backends": "Creative spot finding in training in the kinematic simulator, by Numba and by "
     "PyTorch.",
-    "interfaces": "Wall avoidance with random actions, and the same physics steps by "
-    "`mujoco.rollout` alone.",
+    "interfaces": "Wall avoidance with random actions, and `tasks.Batch` alone with the same ones.",
     "populations": "Creative spot finding in training, and the physics alone with random motor "
     "values. Empty where the memory is too small.",
 }

@@ -29,17 +29,19 @@ class Tables:
     def __call__(self) -> None:
         """Reads and prints; changes nothing."""
         from ..analysis.comparison import compare_runs
-        from ..lives.run_files import read_run, run_names
+        from ..lives.run_files import read_run
         from ..pages import tables
+        from ..storage import resolved
 
         if self.compare:
-            names = run_names((self.out, self.compare))
-            pairs = zip((self.out, self.compare), names, strict=True)
+            folders = resolved(self.out), resolved(self.compare)
+            same = folders[0].name == folders[1].name
             ours, other = (
                 dataclasses.replace(
-                    read_run(*pair, networks=False), exact_classes=self.exact_classes
+                    read_run(folder, str(folder) if same else "", networks=False),
+                    exact_classes=self.exact_classes,
                 )
-                for pair in pairs
+                for folder in folders
             )
             shown: tuple[Any, ...] = (ours, other, compare_runs(ours, other))
             as_json, markdown = tables.comparison_json, tables.comparison_markdown

@@ -10,7 +10,7 @@ from typing import Any
 VERBS: Mapping[str, tuple[str, str, str]] = {
     "run": ("run", "Run", "simulate robots that learn; can be stopped and continued"),
     "tables": ("tables", "Tables", "print the paper's tables, or another run's, next to ours"),
-    "report": ("report", "Report", "write one page about a run, or draw a figure"),
+    "report": ("report", "Report", "write one page about a run"),
     "film": ("film", "Film", "film a robot of a run, or a trained policy"),
     "explore": ("explore", "Explore", "open a window on a task"),
     "benchmark": ("benchmark", "", "compare learners in lives that change, yours among ours"),

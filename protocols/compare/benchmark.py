@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...controller import BRAINS, PROPOSERS
-from ...fields import shown
+from ...fields import shown, whole
 from ...models import Kinematics
 from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
@@ -17,15 +17,14 @@ from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, sho
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, nearest
 from ..lives.conditions import Condition
-from ..lives.config import with_overrides
 from ..lives.experiment import Backend, Body, Experiment, Signals
-from ..lives.plan import Plan
+from ..lives.plan import MOST_ROBOTS, Plan
 from ..lives.run import Run
-from ..lives.run_files import read_runs
+from ..lives.run_files import read_run
 from .bounds import bounds_job, matrix_of
 from .lives_page import Column, Row, page
-from .study import Page, RunJobs, Study, check_positive, simulate_runs
-from .tune import BODY_EFFECTS, read_tunings
+from .study import Page, RunJobs, Study, simulate_runs
+from .tune import LIKE_MUJOCO, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
 HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
@@ -49,7 +48,7 @@ class Benchmark(Study):
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     tuned: tuple[Path, ...] = ()
     signals: Signals = "paper"
-    robots: int = 60
+    robots: int = whole(60, 1, MOST_ROBOTS)
     seed: int = 61010
     body: Body = "kinematic"
     time_scale: float = 1.0
@@ -57,7 +56,6 @@ class Benchmark(Study):
 
     def identity(self) -> Mapping[str, Any]:
         """Returns what all runs share: learners and lives may be added later."""
-        check_positive(robots=self.robots)
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
             raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")
@@ -93,12 +91,14 @@ class Benchmark(Study):
         return found
 
     def _experiment(self, fields: Mapping[str, Any]) -> Experiment:
-        effects = BODY_EFFECTS if self.body == "kinematic" else ()
+        kinematics = Kinematics()
+        if self.body == "kinematic":
+            kinematics = dataclasses.replace(LIKE_MUJOCO, pieces=1)
         return Experiment(
             seed=self.seed,
             cohort_size=min(self.robots, _COHORTS[self.body]),
             body=self.body,
-            kinematics=with_overrides(Kinematics(), (*effects, "pieces=1")),
+            kinematics=kinematics,
             time_scale=self.time_scale,
             **fields,
         )
@@ -130,8 +130,8 @@ class Benchmark(Study):
     def _settings(self) -> Mapping[tuple[str, str], tuple[str, ...]]:
         """The best settings of each tuned agent of the command, by recorded name and signals."""
         return {  # no other agent's code may run
-            key: one.study.best(one.folder).settings
-            for key, one in read_tunings(self.tuned).items()
+            key: study.best(folder).settings
+            for key, (folder, study) in read_tunings(self.tuned).items()
             if key[0] in self._learners
         }
 
@@ -144,8 +144,9 @@ class Benchmark(Study):
         for name in self.life:
             life = self.experiment().life_of(name)
             matrix = matrix_of(bounds_job(out, self.experiment(), name), life)
-            folders = [folder for folder, (own, _) in self._runs.items() if own == name]
-            runs = read_runs([out / folder for folder in folders])
+            runs = [
+                read_run(out / folder) for folder, (own, _) in self._runs.items() if own == name
+            ]
             rows = [row for run in runs for row in _rows(run, life, matrix.bounds(life))]
             columns.append(Column(life, matrix, rows))
         return page(columns)

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 import torch
 
+from ...fields import whole
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
 from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
@@ -20,14 +21,14 @@ from ..agents.senses import senses_of
 from ..errors import InputError, check_name
 from ..storage import save_arrays
 from .jobs import ArrayJob, Arrays, Progress
-from .study import Page, RunJobs, Study, check_positive
+from .study import Page, RunJobs, Study
 
 # What differs from Stable-Baselines3's defaults: many short rollouts, since there are few steps.
 # A discount of 0.95 does not reach from the search to the spot: two seeds of spot_finding_unit
 # earned 0.32 and 0.67 a step with it, 0.83 and 0.76 with this one.
 SETTINGS = {"n_steps": 256, "batch_size": 512, "learning_rate": 1e-3, "gamma": 0.98}
 ROBOTS = 16  # in lockstep for one policy
-_MOST_POLICIES, _MOST_STEPS = 10_000, 10**9
+_MOST_POLICIES = 10_000
 
 _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
@@ -40,17 +41,12 @@ class PPOTraining(Study):
     folders: ClassVar[tuple[str, ...]] = ("policies",)
 
     task: str
-    policies: int = 60
-    steps: int = 144_000
-    seed: int = 0
+    policies: int = whole(60, 1, _MOST_POLICIES)
+    steps: int = whole(144_000, 1, 10**9)
+    seed: int = whole(0, 0, 2**32 - _MOST_POLICIES)
 
     def identity(self) -> Mapping[str, Any]:
         """Returns all but the number of policies, which may be increased later."""
-        check_positive(_MOST_POLICIES, policies=self.policies)
-        check_positive(_MOST_STEPS, steps=self.steps)
-        most = 2**32 - self.policies
-        if not 0 <= self.seed <= most:
-            raise InputError(f"the seed must lie in [0, {most}], got {self.seed}")
         check_name("task", self.task, TASKS)
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")

@@ -14,14 +14,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ...fields import shown
+from ...fields import check
 from ..errors import DamagedFileError, InputError
 from ..lives.experiment import Experiment
 from ..lives.jobs import Executor, Job, execute
 from ..lives.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
-from ..lives.plan import MOST_ROBOTS, Plan, check_memory
-from ..lives.run_files import has_all_robots, planned
-from ..lives.runs import UnfinishedRun, check_agents
+from ..lives.plan import Plan
+from ..lives.run_files import planned
+from ..lives.runs import UnfinishedRun
 from ..pages import style
 from ..storage import (
     check_folder,
@@ -61,7 +61,7 @@ class Page:
 class Study(abc.ABC):
     """A question, the work that answers it, and the page of the answer.
 
-    A subclass is a dataclass whose fields are the options.
+    A subclass is a dataclass whose fields are the options, with their ranges (`fields`).
 
     Attributes:
       name: Name of the study, and of the file of its page.
@@ -70,6 +70,13 @@ class Study(abc.ABC):
 
     name: ClassVar[str]
     folders: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        """Raises InputError where an option is out of its range."""
+        try:
+            check(self)
+        except ValueError as error:
+            raise InputError(str(error)) from error
 
     @abc.abstractmethod
     def identity(self) -> Mapping[str, Any]:
@@ -180,14 +187,12 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
     """Checks before anything is written that runs can be begun or continued.
 
     Raises:
-      InputError: a folder holds another run, an agent fails, or the memory is too small.
+      InputError: a folder holds another run, or its robots cannot be simulated.
     """
     for name, plan in plans.items():
         if (held := planned(out / name)) is not None:
             check_identity(out / name, vars(held.experiment), vars(plan.experiment))
-        if not has_all_robots(out / name, plan):
-            check_memory(plan)
-            check_agents(plan)
+        UnfinishedRun.read(out / name, plan).check()
 
 
 def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> None:
@@ -206,10 +211,3 @@ def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> No
             notice(sentence)
         jobs = [job for run in runs.values() for job in run.jobs(SAVE_EVERY)]
         run_jobs(jobs, lambda job: runs[job.directory].finished(job))
-
-
-def check_positive(most: int = MOST_ROBOTS, /, **numbers: int) -> None:
-    """Raises InputError where an option is no whole number from 1 to `most`."""
-    for name, number in numbers.items():
-        if type(number) is not int or not 1 <= number <= most:
-            raise InputError(f"{name} must be from 1 to {most}, got {shown(number)}")

@@ -15,6 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
+from ...fields import whole
 from ...models import Kinematics
 from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
@@ -23,17 +24,16 @@ from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError, check_name
 from ..lives.conditions import Condition, check_proposer
-from ..lives.config import with_overrides
 from ..lives.experiment import Experiment, Signals
 from ..lives.manifest import UNREADABLE
-from ..lives.plan import Plan, check_memory
+from ..lives.plan import MOST_ROBOTS, Plan, check_memory
 from ..pages.markdown import mean_cell, table
 from ..storage import read_json
 from .jobs import ArrayJob, lives
-from .study import STUDY_FILE, Page, RunJobs, Study, check_positive
+from .study import STUDY_FILE, Page, RunJobs, Study
 
 # Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
-BODY_EFFECTS = "felt=pushed", "wall=slips", "lag=0.08"
+LIKE_MUJOCO = Kinematics(felt="pushed", wall="slips", lag=0.08)
 _MOST = 1024  # trials
 _TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
 _PARTS: Mapping[Stage, str] = {"post": "after training", "training": "during training"}
@@ -87,9 +87,9 @@ class Tune(Study):
     agent: str
     signals: Signals = "paper"
     life: str = SPOT_FINDING.name
-    trials: int = 16
-    kept: int = 4
-    robots: int = 20
+    trials: int = whole(16, 1, _MOST)
+    kept: int = whole(4, 1, _MOST)
+    robots: int = whole(20, 1, MOST_ROBOTS)
     seed: int = 32001
     time_scale: float = 1.0
 
@@ -100,8 +100,6 @@ class Tune(Study):
 
     def check_options(self) -> None:
         """Raises InputError where an option is invalid; imports no agent."""
-        check_positive(_MOST, trials=self.trials, kept=self.kept)
-        check_positive(robots=self.robots)
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
         check_name("life", self.life, LIVES)
@@ -224,7 +222,7 @@ class Tune(Study):
             cohort_size=self._robots(again) * len(trials),
             time_scale=self.time_scale,
             body="kinematic",
-            kinematics=with_overrides(Kinematics(), BODY_EFFECTS),
+            kinematics=LIKE_MUJOCO,
             signals=self.signals,
             settings=words,
         )
@@ -273,19 +271,8 @@ def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
     return np.array(shares)
 
 
-class Tuning(NamedTuple):
-    """A study that tunes, as read from its folder; nothing that the folder names is imported.
-
-    Attributes:
-      folder: Folder of the study.
-      study: The study.
-    """
-
-    folder: Path
-    study: Tune
-
-
-def _read_tuning(folder: Path) -> Tuning:
+def _read_tuning(folder: Path) -> Tune:
+    """Reads a study from its folder; nothing that the folder names is imported."""
     path = folder / STUDY_FILE
     try:
         held = read_json(path)
@@ -298,20 +285,20 @@ def _read_tuning(folder: Path) -> Tuning:
             raise ValueError("it has another number of trials")
     except (*UNREADABLE, InputError, OSError) as error:
         raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
-    return Tuning(folder, study)
+    return study
 
 
-def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], Tuning]:
-    """Returns studies that tune by the recorded name of their agent and its signals.
+def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], tuple[Path, Tune]]:
+    """Returns studies that tune and their folders, by recorded name of their agent and signals.
 
     Raises:
       InputError: a folder holds no such study, or an agent was tuned twice with the same signals.
     """
-    found: dict[tuple[str, str], Tuning] = {}
-    for tuning in map(_read_tuning, folders):
-        study = tuning.study
+    found: dict[tuple[str, str], tuple[Path, Tune]] = {}
+    for folder in folders:
+        study = _read_tuning(folder)
         key = recorded_name(study.agent), study.signals
         if key in found:
             raise InputError(f"{study.agent} with {study.signals} signals was tuned twice")
-        found[key] = tuning
+        found[key] = folder, study
     return found

@@ -68,19 +68,6 @@ def named_brain(name: str) -> Parameters:
 # ---- Words NAME=VALUE ----
 
 
-def with_overrides(numbers: Numbers, words: Iterable[str]) -> Numbers:
-    """Returns parameters of a brain or of the kinematic simulator with some of them replaced.
-
-    Args:
-      numbers: Parameters to start from.
-      words: Overrides such as "epsilon=0.1" or "wall=slides"; a list is written as JSON.
-
-    Raises:
-      InputError: a name is unknown or given twice, or a value is invalid.
-    """
-    return _replaced(numbers, values_of(words, _names(numbers)))
-
-
 def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
     """Reads words NAME=VALUE.
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import importlib
 import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +15,6 @@ from ...controller.neurocontroller import Neurocontroller
 from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import STAGES, Life
 from ..agents.senses import senses_of
-from ..errors import InputError
 from ..storage import Shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
@@ -333,23 +331,3 @@ class Run:
         NaN for a life without tests.
         """
         return self.experiment.life_of(task).steps_of("post") * CONTROL_TIMESTEP or math.nan
-
-    def to_frame(self) -> Any:
-        """Returns a row for each robot, invalid robots included, as a pandas DataFrame.
-
-        Its columns are those of robots.csv, and `pre_share` and `post_share`: the share of a test
-        in contact, or in the spot, in [0, 1].
-
-        Raises:
-          InputError: pandas is not installed.
-        """
-        try:
-            pandas = importlib.import_module("pandas")  # optional, in no extra
-        except ModuleNotFoundError as error:
-            raise InputError("Run.to_frame needs pandas: pip install pandas") from error
-        rows = []
-        for row in [row for condition in self.conditions() for row in self.robots(condition)]:
-            seconds = self.test_seconds(row.task)
-            shares = {"pre_share": row.t_pre_s / seconds, "post_share": row.t_post_s / seconds}
-            rows.append(dataclasses.asdict(row) | shares)
-        return pandas.DataFrame(rows)

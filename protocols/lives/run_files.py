@@ -13,7 +13,7 @@ import dataclasses
 import io
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -150,15 +150,21 @@ def check_kept_networks(directory: Path, measured: Measured) -> None:
 # ---- Runs ----
 
 
-def read_so_far(directory: Path, networks: bool = True) -> Run:
-    """Reads the robots that a run has collected; it may have none.
+def read_run(
+    directory: Path, name: str = "", *, replay: bool = False, networks: bool = True
+) -> Run:
+    """Reads the robots of a run that are finished.
 
     Args:
       directory: Folder of the run.
-      networks: Whether the networks are read, too.
+      name: Name of the run; empty for the folder's name.
+      replay: Whether the run's brains will drive robots again; a notice then warns of a physics
+        that differs from this version's.
+      networks: Whether the networks are read, too. A finished run may be kept without them.
 
     Raises:
-      InputError: the folder holds no run, what it holds is damaged, or it lacks the networks.
+      InputError: the folder holds no such run or no finished robots, what it holds is damaged, or
+        it lacks the networks.
     """
     if not directory.exists():
         raise InputError(f"there is no folder {directory}")
@@ -170,30 +176,11 @@ def read_so_far(directory: Path, networks: bool = True) -> Run:
     measured = read_measured(directory, experiment, networks)
     if networks:
         check_kept_networks(directory, measured)
-    return Run(resolved(directory).name, experiment, results_of(experiment, measured))
-
-
-def read_run(
-    directory: Path, name: str = "", *, replay: bool = False, networks: bool = True
-) -> Run:
-    """Reads a run that has finished robots.
-
-    Args:
-      directory: Folder of the run.
-      name: Name of the run; empty for the folder's name.
-      replay: Whether the run's brains will drive robots again; a notice then warns of a physics
-        that differs from this version's.
-      networks: Whether the networks are read, too. A finished run may be kept without them.
-
-    Raises:
-      InputError: the folder holds no such run, or what it holds is damaged.
-    """
-    run = read_so_far(directory, networks)
-    if not run.results:
+    if not measured:
         raise InputError(
             f"{directory} holds no finished robots yet; `musebot run {directory}` continues it"
         )
-    experiment = run.experiment
+    results = results_of(experiment, measured)
     if replay and not same_physics(directory):
         notice(
             f"{directory} was simulated in another physics than this version's, in which its "
@@ -202,42 +189,4 @@ def read_run(
     if replay and experiment.physics != "c":
         notice(f"{directory} was simulated in MuJoCo Warp; its brains now run in C MuJoCo")
         experiment = dataclasses.replace(experiment, physics="c", device="cpu")
-    return Run(name or run.name, experiment, run.results)
-
-
-def read_runs(
-    directories: Sequence[Path], *, replay: bool = False, networks: bool = True
-) -> list[Run]:
-    """Reads several runs, with distinct names; see `read_run`.
-
-    Raises:
-      InputError: there is none, one is given twice, or see `read_run`.
-    """
-    if not directories:
-        raise InputError("at least one run is needed")
-    if len({resolved(directory) for directory in directories}) < len(directories):
-        raise InputError("a run is given twice")
-    pairs = zip(directories, run_names(directories), strict=True)
-    return [read_run(*pair, replay=replay, networks=networks) for pair in pairs]
-
-
-def has_all_robots(directory: Path, plan: Plan) -> bool:
-    """Returns whether a folder has all robots of a plan.
-
-    Raises:
-      InputError: see `read_so_far`.
-    """
-    if not (directory / MANIFEST).is_file():
-        return False
-    run = read_so_far(directory, networks=False)
-    return all(len(run.robots(c)) >= robots for c, robots in plan.robots.items())
-
-
-def run_names(directories: Sequence[Path]) -> list[str]:
-    """Returns the folders' names, with as many folders above them as make the names differ."""
-    paths = [resolved(directory) for directory in directories]
-    names = [path.name for path in paths]
-    for length in range(2, max([len(path.parts) for path in paths], default=0) + 1):
-        if len({*names}) < len(names):
-            names = [str(Path(*path.parts[-length:])) for path in paths]
-    return names
+    return Run(name or resolved(directory).name, experiment, results)

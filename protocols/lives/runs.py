@@ -77,12 +77,8 @@ def simulate(
     if log:  # raises InputError without the extra
         from .tensorboard_log import TensorBoardLog
     directory = resolved(directory)  # an agent may change the working directory
-    held = UnfinishedRun.read(directory, plan)
-    if (remaining := held.remaining) is not None:  # before anything is written
-        check_device(remaining)
-        at_once = getattr(executor, "processes", 1)  # a cluster's nodes are not counted
-        check_memory(remaining, at_once, held.plan)
-        check_agents(remaining, held.measured)
+    # Before anything is written. A cluster's nodes are not counted.
+    UnfinishedRun.read(directory, plan).check(getattr(executor, "processes", 1))
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
         for message in run.begin():
@@ -233,12 +229,20 @@ class UnfinishedRun:
         experiment = self.plan.experiment
         return Run(self.directory.name, experiment, results_of(experiment, self.measured))
 
-    @property
-    def remaining(self) -> Plan | None:
-        """The plan of the robots that are left to simulate; None if there are none."""
+    def check(self, at_once: int = 1) -> None:
+        """Checks that the robots that are left can be simulated, so many jobs at a time.
+
+        Raises:
+          InputError: a device is missing, an agent fails, or the memory is too small.
+        """
+        if not self.left:
+            return
         counts = collections.Counter(key.condition for key in self.left)
         robots = {c: n * self.plan.experiment.cohort_size for c, n in counts.items()}
-        return dataclasses.replace(self.plan, robots=robots) if robots else None
+        remaining = dataclasses.replace(self.plan, robots=robots)
+        check_device(remaining)
+        check_memory(remaining, at_once, self.plan)
+        check_agents(remaining, self.measured)
 
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of each simulated minute that all robots have reached, shape (M,).

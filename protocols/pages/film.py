@@ -17,7 +17,7 @@ import numpy as np
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import InputError
 from ..lives.local import END_SIGNALS, handling
-from ..progress import StepProgress
+from ..progress import tracked
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import notice
 from .panel import Panel
@@ -146,14 +146,13 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
             ffmpeg_log_level="fatal",  # the number of frames shows a failure, see below
         )  # fmt: skip
         given = 0
-        with StepProgress(output.name, count) as progress, writer:
-            for frame in frames:
+        with writer:
+            for frame in tracked(frames, output.name, count):
                 given += 1
                 try:
                     writer.append_data(frame)
                 except OSError:  # ffmpeg has ended, for example because the disk is full
                     break
-                progress.advance()
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != given:
             raise OSError(f"{output} could not be written completely; is the disk full?")

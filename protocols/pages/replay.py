@@ -29,7 +29,7 @@ from ..lives.conditions import CohortKey, Condition
 from ..lives.device import decide
 from ..lives.experiment import Experiment
 from ..lives.run import Run, When
-from ..progress import StepProgress
+from ..progress import tracked
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
@@ -60,6 +60,21 @@ class Moment:
     contact: bool
     event: bool  # whether the task's event happens: contact, or being in the spot; False at first
     event_seconds: float  # with the event, since the start of the episode, in [s]
+
+    @classmethod
+    def of(cls, batch: Robots, row: int, step: int, event: bool, events: int) -> Moment:
+        """Returns the moment of a robot of a batch, whose motor values are not known yet."""
+        sensed = batch.sensordata[row].copy()
+        return cls(
+            step * CONTROL_TIMESTEP,
+            batch.pose[row],
+            batch.spot[row],
+            batch.rules.observations(sensed),
+            np.zeros(2),
+            bool((sensed[batch.rules.layout.touch] > 0).any()),
+            event,
+            events * CONTROL_TIMESTEP,
+        )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -104,18 +119,9 @@ class Episode:
         batch, rules, events, event = self.batch, self.batch.rules, 0, False
         spot_steps = TASKS[self.task].spot_steps
         for step in itertools.count():
-            sensed = batch.sensordata
-            motors = self.act(rules.state(sensed).astype(np.float32))
-            yield Moment(
-                step * CONTROL_TIMESTEP,
-                batch.pose[0],
-                batch.spot[0],
-                rules.observations(sensed[0].copy()),
-                motors[0],
-                bool((sensed[0, rules.layout.touch] > 0).any()),
-                event,
-                events * CONTROL_TIMESTEP,
-            )
+            motors = self.act(rules.state(batch.sensordata).astype(np.float32))
+            moment = Moment.of(batch, 0, step, event, events)
+            yield dataclasses.replace(moment, motors=motors[0])
             if step >= self.steps:
                 return
             if spot_steps and step and step % spot_steps == 0:
@@ -232,10 +238,8 @@ class Relived:
         if not 0 <= steps < cohort.steps:
             last = cohort.steps / control_steps(1)
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
-        with StepProgress(f"living {minute:g} minutes", math.ceil(minute)) as progress:
-            while cohort.step < steps:
-                cohort.advance(min(control_steps(1), steps - cohort.step))
-                progress.advance()
+        for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
+            cohort.advance(min(control_steps(1), steps - cohort.step))
         return cls(cohort, robot)
 
     @property
@@ -269,20 +273,10 @@ class Relived:
         recorder, events, event = self.cohort.recorded(), 0, False
         first = self.cohort.step
         while not self.cohort.finished and self.cohort.valid[row]:
-            time = (self.cohort.step - first) * CONTROL_TIMESTEP
-            pose, spot, sensed = batch.pose[row], batch.spot[row], batch.sensordata[row].copy()
+            moment = Moment.of(batch, row, self.cohort.step - first, event, events)
             recorder.motors.clear()
             self.cohort.advance(1)
-            yield Moment(
-                time,
-                pose,
-                spot,
-                batch.rules.observations(sensed),
-                recorder.motors[0][row],
-                bool((sensed[batch.rules.layout.touch] > 0).any()),
-                event,
-                events * CONTROL_TIMESTEP,
-            )
+            yield dataclasses.replace(moment, motors=recorder.motors[0][row])
             event = bool(batch.rules.event(batch.sensordata)[row])
             events += event
 
@@ -367,14 +361,12 @@ def watch(
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
     life, counts = fused_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
-    with StepProgress(f"observing {what}", steps) as progress:
-        for step in range(steps):
-            if life is not None:
-                life(1, learning, counts)
-            else:
-                batch.step(decide(agent, batch, learning))
-            poses[step + 1] = batch.pose
-            events[step] = batch.rules.event(batch.sensordata)
-            nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
-            progress.advance()
+    for step in tracked(range(steps), f"observing {what}"):
+        if life is not None:
+            life(1, learning, counts)
+        else:
+            batch.step(decide(agent, batch, learning))
+        poses[step + 1] = batch.pose
+        events[step] = batch.rules.event(batch.sensordata)
+        nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
     return Track(poses, events, batch.spot[0], nose)

@@ -13,7 +13,6 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from ... import __version__
-from ...tasks.lives import PAPER_LIVES
 from ..agents.names import short_name
 from ..analysis.behaviour import Behaviour
 from ..errors import InputError
@@ -29,7 +28,7 @@ from ..storage import (
     write_text,
 )
 from ..terminal import printable
-from . import figures, markdown, measured_behaviour, paper_figures, robot_figures, style, tables
+from . import figures, markdown, measured_behaviour, robot_figures, style, tables
 from . import film as films
 from .replay import BRAINS_OF_TESTS, StoredRobot
 
@@ -37,34 +36,6 @@ PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
 _FILM_SECONDS = 6.0
 _FILM_SPEEDS = {True: 60.0, False: 6.0}  # by `Life.wanted`
-
-
-def draw(name: str, path: Path, run: Run | None = None, task: str | None = None) -> None:
-    """Draws a figure of the paper, or typical robots of a run, into a file.
-
-    The figure is "architecture", the two networks for a task (wall_avoidance), "robot", or
-    "typical", the typical robots of a run. The file is an .svg or .png.
-
-    Raises:
-      InputError: a value is invalid, there is no EGL, or the run has no typical robots; nothing
-        was written.
-      OSError: the file could not be written.
-    """
-    style.check_output(path)
-    if (name == "typical") != (run is not None):
-        raise InputError(f"typical needs a run, and only typical takes one, got {name}")
-    if task is not None and name != "architecture":
-        raise InputError(f"--task chooses the architecture, not {name}")
-    if task not in (None, *PAPER_LIVES):
-        raise InputError(f"the task must be one of {', '.join(PAPER_LIVES)}, got {task!r}")
-    with style.styled():
-        if run is not None:
-            figure = robot_figures.typical(run)
-        elif name == "robot":
-            figure = paper_figures.robot()
-        else:
-            figure = paper_figures.architecture(task or "wall_avoidance")
-        style.write(figure, path)
 
 
 def report(run: Run, out: Path, output: Path | None) -> Path:

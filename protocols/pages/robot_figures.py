@@ -1,12 +1,10 @@
-"""Figures of single robots: examples before and after training, and typical robots (section 4).
+"""Figures of single robots: examples before and after training.
 
 What was measured chooses the robots; stored brains are put back into them.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Collection, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -16,24 +14,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
 from ...controller import Neurocontroller
-from ...tasks import CONTROL_TIMESTEP, Robots
-from ...tasks.lives import UPPER_LEFT, UPPER_RIGHT, control_steps
+from ...tasks import Robots
+from ...tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from ..agents.neurocontroller import NeurocontrollerAgent
-from ..analysis.behaviour import RIM, Track, spins, stay_of
-from ..errors import InputError
+from ..analysis.behaviour import Track
 from ..lives.conditions import Condition
 from ..lives.run import WHEN, Run, When
-from .measured_behaviour import SAMPLE, SPIN_MINUTES, finders, from_the_rim
 from .replay import evaluate, stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 
 MINUTES = {True: 15.0, False: 4.0}  # of the test that trajectories show, by `Life.wanted`
-APPROACH_MINUTES = 40.0  # of the test after training in which approachers are looked for
-SPINS = 0.1  # least share of time: a robot that spins less only turns away from walls
-SLOW = 25.0  # [min]: the paper's slow robots arrive after 20 to 30 minutes
-DRAWN_MINUTES = 3.0  # of the follower's path, where it follows most; more would fill the spot
 _GRID = 41  # motor values along each side of the grid of all actions
-_APPROACHERS = 30  # robots among which the slow one is looked for
 _LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay whole
 
 
@@ -57,8 +48,11 @@ def examples(run: Run, task: str) -> list[Example]:
     improvement. A kind without a robot is left out; a life without tests has none.
     """
     life = run.experiment.life_of(task)
-    if not life.tested or (condition := _condition(run, task, ("creative",))) is None:
+    conditions = [c for c in run.conditions() if c.task == task and c.has_brain]
+    if not life.tested or not conditions:
         return []
+    creative = Condition(task, "creative")
+    condition = creative if creative in conditions else conditions[0]
     robots = run.robots(condition)
     sign = 1 if life.wanted else -1
     unmeasured = [i for i, one in enumerate(robots) if one.category == life.unmeasured]
@@ -75,13 +69,6 @@ def favourite(run: Run, task: str) -> Example | None:
     """Returns the learner; the first example if there is no learner; None without examples."""
     found = examples(run, task)
     return next((one for one in found if one.kind == "learner"), found[0] if found else None)
-
-
-def _condition(run: Run, task: str, preferred: Collection[str]) -> Condition | None:
-    """Returns the first condition of a task with brains, preferred proposers first, or None."""
-    found = [c for c in run.conditions() if c.task == task and c.has_brain]
-    wanted = [c for name in preferred for c in found if c.proposer == name]
-    return next(iter(wanted + found), None)
 
 
 # ---- Trajectories ----
@@ -220,103 +207,3 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
     above.set_xticks([])
     above.spines[:].set_visible(False)
     above.set_xlabel(f"{value.min():z.2f} to {value.max():z.2f}", fontsize=7, labelpad=1)
-
-
-# ---- Typical robots ----
-
-
-class Typical(NamedTuple):
-    """A robot that is typical of a behaviour."""
-
-    kind: str
-    condition: Condition
-    row: int  # within the condition
-    track: Track  # of a batch with the robot; the part of it that is drawn
-    index: int  # of the robot in the track
-    words: str  # what was measured
-    # Middle, shape (2,), and half of the height of the part of the arena that is drawn, in [m].
-    window: tuple[np.ndarray, float] | None = None
-
-
-def typical(run: Run) -> Figure:
-    """Draws the typical robots' paths side by side; raises InputError if the run has none."""
-    found = [*typical_robots(run)]
-    if not found:
-        raise InputError(f"{run.name} has no typical robots: no stored brain spins or arrives")
-    figure, axes = canvas(2.1, 1, len(found))
-    for axis, one in zip(axes[0], found, strict=True):
-        _draw_robot(axis, run, one.condition, one.track, one.index)
-        if one.window:
-            (x, y), half = one.window
-            axis.set(xlim=(x - 1.5 * half, x + 1.5 * half), ylim=(y - half, y + half))
-        number = run.robots(one.condition)[one.row].robot
-        axis.set_title(f"{one.kind}\n{one.condition.proposer} {number}")
-        axis.set_xlabel(one.words, fontsize=8)
-    return figure
-
-
-def typical_robots(run: Run) -> Iterator[Typical]:
-    """Yields the typical robots of a run; a kind without a robot is left out."""
-    walls = _condition(run, "wall_avoidance", ("fixed", "creative", "random"))
-    if walls and (rows := run.valid_rows(walls)[:SAMPLE]):
-        yield from _spinner(run, walls, rows)
-    spot = Condition("spot_finding", "creative")
-    if rows := finders(run, spot) if spot in run.results else []:
-        yield from _follower(run, spot, rows)
-    arriving = [row for row in run.valid_rows(spot) if run.robots(spot)[row].t_post_s > 0]
-    if arriving:
-        yield from _slow_approacher(run, spot, arriving[:_APPROACHERS])
-
-
-def _spinner(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
-    """Yields the robot that spins most at the start of the test, for at least `SPINS` of it."""
-    minutes = SPIN_MINUTES * run.experiment.time_scale
-    track = evaluate(run, condition, [(row, "after") for row in rows], minutes)
-    shares = spins(track.poses).mean(axis=0)
-    best = int(shares.argmax())
-    if shares[best] < SPINS:
-        return
-    # The path of the robots' fronts, which move while a robot spins.
-    poses, heading = track.poses.copy(), track.poses[..., 2]
-    radius = run.experiment.batch(condition.task, 1).dimensions.radius
-    poses[..., :2] += radius * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
-    track, middle = dataclasses.replace(track, poses=poses), poses[:, best, :2].mean(axis=0)
-    words = f"spins in {shares[best]:.0%} of\nthe first {minutes:g} minutes"
-    yield Typical("spinner", condition, rows[best], track, best, words, (middle, 0.06))
-
-
-def _follower(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
-    """Yields the newborn that starts at the rim, learns, and changes from following to spinning.
-
-    Its share of following the spot's contour in the first third of its time there, plus its share
-    of spinning inside in the last third, is the largest.
-    """
-    track, radius = from_the_rim(run, condition, rows)
-    stay = stay_of(track, radius)
-    change = np.where(stay.staying, stay.following[:, 0] + stay.spinning[:, 1], np.nan)
-    if np.isnan(change).all():
-        return
-    index = int(np.nanargmax(change))
-    words = (
-        f"follows the rim {stay.following[index, 0]:.0%},\n"
-        f"at last spins {stay.spinning[index, 1]:.0%}"
-    )
-    # Drawn is the stretch in which its nose is at the rim for longest.
-    near = np.abs(np.linalg.norm(track.nose[:, index], axis=-1) - radius) < RIM
-    steps = control_steps(DRAWN_MINUTES * run.experiment.time_scale)
-    first = int(np.convolve(near, np.ones(steps), "valid").argmax())
-    poses, events = track.poses[first : first + steps + 1], track.events[first : first + steps]
-    drawn, window = dataclasses.replace(track, poses=poses, events=events), (track.spot, 2 * radius)
-    yield Typical("contour follower", condition, rows[index], drawn, index, words, window)
-
-
-def _slow_approacher(run: Run, condition: Condition, rows: list[int]) -> Iterator[Typical]:
-    """Yields the robot that arrives at the spot nearest to `SLOW` minutes after the test began."""
-    scale = run.experiment.time_scale
-    track = evaluate(run, condition, [(row, "after") for row in rows], APPROACH_MINUTES * scale)
-    arrived = np.flatnonzero(track.events.any(axis=0) & ~track.events[0])
-    if len(arrived):
-        times = track.events.argmax(axis=0) * CONTROL_TIMESTEP / 60
-        index = int(arrived[np.abs(times[arrived] - SLOW * scale).argmin()])
-        words = f"reaches the spot after\n{times[index]:.3g} minutes"
-        yield Typical("slow approacher", condition, rows[index], track, index, words)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from ..errors import InputError
-from ..storage import check_place, write_atomically
+from ..storage import write_atomically
 
 FORMATS = ("svg", "png")
 WIDTH = 5.6  # inches: 9 point remain legible on a telephone's screen
@@ -84,27 +83,14 @@ def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figu
 
 
 def save(figure: Figure, folder: Path, name: str) -> None:
-    """Writes a figure in every format; raises OSError where a file cannot be written."""
-    for suffix in FORMATS:
-        write(figure, folder / f"{name}.{suffix}")
-
-
-def write(figure: Figure, path: Path) -> None:
-    """Writes a figure, in the format of the path's suffix; raises OSError where it cannot.
+    """Writes a figure in every format; raises OSError where a file cannot be written.
 
     An existing file then stays as it was.
     """
-    suffix, buffer = path.suffix[1:].lower(), io.BytesIO()
-    metadata = {"Date": None} if suffix == "svg" else None
-    figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
-    write_atomically(path, buffer.getvalue())
-
-
-def check_output(path: Path, formats: Sequence[str] = FORMATS) -> None:
-    """Raises InputError if no figure can be written to `path`; to be called before long work."""
-    if path.suffix[1:].lower() not in formats:
-        raise InputError(f"the figure must be one of .{', .'.join(formats)}, got {path}")
-    check_place(path)
+    for suffix in FORMATS:
+        buffer, metadata = io.BytesIO(), {"Date": None} if suffix == "svg" else None
+        figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
+        write_atomically(folder / f"{name}.{suffix}", buffer.getvalue())
 
 
 def in_per_cent(axis: Axes, top: float | None = None) -> None:

@@ -15,7 +15,6 @@ from musebot.protocols.analysis.hypothesis_tests import (
     holm,
     same_classes,
     same_deviation,
-    same_draws,
     same_mean,
     same_share,
 )
@@ -110,22 +109,6 @@ def test_groups_of_different_size_and_spread_are_found_to_differ_in_5_per_cent(t
     assert wrong <= 24  # 10, give or take: the test of deviations is exact for many robots only
     if test is same_mean and sizes == (15, 60):
         assert plain > 40  # a test that assumes equal spread would fail here
-
-
-def test_a_bootstrap_test_of_normal_draws_is_a_normal_test():
-    random = np.random.default_rng(1)
-    for shift in (-0.3, 0.0, 0.15, 0.4):
-        first, second = random.normal(shift, 0.1, 40_000), random.normal(0, 0.1, 40_000)
-        expected = 2 * stats.norm.sf(abs(shift) / np.hypot(0.1, 0.1))
-        assert same_draws(first, second) == pytest.approx(expected, rel=0.05, abs=0.01)
-        assert same_draws(first, second) == same_draws(second, first)
-
-
-def test_a_bootstrap_test_knows_equal_draws_and_has_a_smallest_p():
-    draws = np.linspace(0, 1, 99)
-    assert same_draws(draws, draws + 1e-12) == 1
-    assert same_draws(draws, draws + 2) == pytest.approx(2 / 100)
-    assert math.isnan(same_draws(draws, np.append(draws[1:], NAN)))
 
 
 def test_one_changed_pair_is_no_difference():

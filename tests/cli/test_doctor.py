@@ -113,13 +113,3 @@ def test_a_driver_that_fails_crashes_or_hangs_is_missing(monkeypatch):
     monkeypatch.setattr(subprocess, "run", hang)
     assert "no image within" in str(refused(doctor.all_probes()["EGL"]))
     assert hang.call_args.kwargs["timeout"] > 0
-
-
-def test_a_display_is_reported_and_never_missing(monkeypatch):
-    probe = doctor.all_probes()["display"]
-    monkeypatch.setattr(sys, "platform", "linux")
-    monkeypatch.setenv("DISPLAY", ":7")
-    assert "DISPLAY=:7" in probe()
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    assert "none" in probe()

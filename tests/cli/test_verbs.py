@@ -55,9 +55,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
     [
         (["tables", "nowhere"], "there is no folder"),
         (["report", "nowhere"], "there is no folder"),
-        (["report"], "a page needs OUT"),
-        (["report", "--figure", "robot"], "--figure needs --output"),
-        (["report", "--figure", "robot", "--output", "x.txt"], "x.txt"),
+        (["report"], "missing: OUT"),
         (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
         (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),

@@ -42,12 +42,13 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         assert plan.experiment.kinematics == Kinematics(
             felt="pushed", wall="slips", lag=0.08, pieces=1
         )
+    assert Benchmark(body="mujoco", robots=30).experiment().kinematics == Kinematics()
 
 
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"robots": 0}, "robots must be from 1"),
+        ({"robots": 0}, "robots must be a whole number from 1"),
         ({"robots": 90}, "robots above 60 must be a multiple of 60, got 90"),
         ({"robots": 40, "body": "mujoco"}, "robots above 30 must be a multiple of 30, got 40"),
         ({"agent": ()}, "at least one learner"),

@@ -12,13 +12,13 @@ import pytest
 from helpers import files_below
 from matplotlib.figure import Figure
 
+from musebot.fields import whole
 from musebot.protocols.compare import jobs, study
 from musebot.protocols.compare.jobs import ArrayJob, lives
 from musebot.protocols.compare.study import (
     STUDY_FILE,
     Page,
     Study,
-    check_positive,
     conduct,
     simulate_runs,
 )
@@ -45,11 +45,10 @@ class Squares(Study):
 
     numbers: tuple[int, ...] = (1, 2, 3)
     robots: int = 0
-    seed: int = 1
+    seed: int = whole(1, 1, 99)
     drawn: bool = False
 
     def identity(self):
-        check_positive(numbers=len(self.numbers))
         return {"numbers": self.numbers}
 
     def plans(self):
@@ -144,8 +143,8 @@ def refused(asked, out, words, in_process):
 
 
 def test_a_foreign_folder_and_an_invalid_option_are_refused(tmp_path, in_process):
-    refused(Squares(()), tmp_path / "out", "numbers must be from 1 to .*, got 0", in_process)
-    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="seed must be a whole number from 1 to 99, got 0"):
+        Squares(seed=0)
     (tmp_path / "thesis.tex").write_text("precious")
     refused(Squares(), tmp_path, "is not empty and holds no study", in_process)
     refused(Squares(), tmp_path / "thesis.tex", "is not a folder", in_process)

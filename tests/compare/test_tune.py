@@ -127,7 +127,7 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
         ({"agent": "creative"}, "is a proposer of the brain"),
         ({"life": "boddy"}, "there is no life 'boddy'; did you mean body"),
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
-        ({"trials": 0}, "trials must be from 1 to 1024, got 0"),
+        ({"trials": 0}, "trials must be a whole number from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
         (  # the second round, not the first
             {"agent": "sarsa_lambda", "robots": 100_000, "trials": 16, "kept": 16},
@@ -142,10 +142,10 @@ def test_bad_input_is_refused_in_a_sentence(changes, sentence):
 
 def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path):
     study, out, _ = tuned["each"]
-    (tuning,) = read_tunings([out]).values()
-    assert (tuning.study, tuning.folder) == (study, out)
+    ((folder, read),) = read_tunings([out]).values()
+    assert (read, folder) == (study, out)
     with pytest.raises(InputError, match="trust"):
-        tuning.study.best(out)
+        read.best(out)
     assert [*read_tunings([out])] == [("mine:each", "paper")]
     with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
         read_tunings([out, out])
@@ -175,11 +175,11 @@ def test_every_learner_of_ours_can_be_tuned_but_for_its_size():
 
 def test_a_kept_tuning_has_the_best_trial_of_its_page():
     for folder in KEPT.iterdir():
-        (tuning,) = read_tunings([folder]).values()
-        tuning.study.check(folder)
-        best = tuning.study.best(folder)
+        ((_, study),) = read_tunings([folder]).values()
+        study.check(folder)
+        best = study.best(folder)
         kept = (folder / "tune.md").read_text().splitlines()
         assert any(line.startswith(f"Best: trial {best.number}, ") for line in kept)
-        made = tuning.study.page(folder).markdown.splitlines()
+        made = study.page(folder).markdown.splitlines()
         rows, wanted = ([line for line in text if line[:1] == "|"] for text in (made, kept))
         assert rows == wanted

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.lives import jobs
-from musebot.protocols.lives.run_files import RESULTS_FILE, read_so_far
+from musebot.protocols.lives.run_files import RESULTS_FILE, read_run
 from musebot.protocols.pages import film, measured_behaviour, report
 
 GROWING = {"mkdir", "create", "write", "fsync", "replace"}  # what a full disk refuses
@@ -199,7 +199,7 @@ class Sweep:
             assert len(sentences) == 1 and "Traceback" not in said, f"{where}: {said}"
             assert "None" not in said, f"{where}: {said}"
         for folder in held:  # what was complete is still there
-            assert read_so_far(folder).results, where
+            assert read_run(folder).results, where
         for name in disk.left:  # or has been replaced by the end
             if name.endswith(".finished.safetensors"):
                 end = (out / name).parents[1] / RESULTS_FILE

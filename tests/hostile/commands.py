@@ -20,7 +20,7 @@ from musebot.protocols.lives import local
 from musebot.protocols.lives.cohort import Cohort
 from musebot.protocols.lives.jobs import CohortJob
 from musebot.protocols.lives.plan import cohort_bytes
-from musebot.protocols.pages import film, measured_behaviour, paper_figures, robot_figures
+from musebot.protocols.pages import film, measured_behaviour
 
 SEED = 20041
 WORK_BEGINS = 130  # the exit status where the work would begin, which the tests interrupt
@@ -154,9 +154,7 @@ def begun_only(patch):
     patch.setattr(film, "write", _two_frames)
     for module, names in (
         (measured_behaviour, ("observe",)),
-        (robot_figures, ("typical",)),
-        (paper_figures, ("architecture", "robot")),
-        (speed, ("lives", "interfaces", "processes", "populations")),
+        (speed, ("lives", "interfaces", "backends", "populations")),
         (doctor, ("report",)),
     ):
         for name in names:

@@ -93,7 +93,7 @@ def test_an_out_of_any_name_holds_a_run_its_tables_and_its_report(
     behaviour = measured_behaviour.Behaviour({}, {})
     monkeypatch.setattr(measured_behaviour, "observe", lambda run: behaviour)
     monkeypatch.setattr(report, "_figures", lambda *_: iter(()))
-    monkeypatch.setattr(report, "_film", lambda *_: "no film")
+    monkeypatch.setattr(report, "_film", lambda *_: ({}, "no film"))
     assert cli.main(["report", str(out)]) == 0
     page = (out / "report.html").read_text()
     assert "<i>" not in page and "\x1b" not in page

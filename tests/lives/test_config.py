@@ -11,8 +11,9 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.config import named_brain, read_config, with_overrides
-from musebot.protocols.lives.experiment import brain_name, overrides_of
+from musebot.protocols.lives.config import named_brain, read_config, values_of
+from musebot.protocols.lives.experiment import Experiment, brain_name, overrides_of
+from musebot.protocols.lives.plan import changed
 
 EXAMPLE = """
 experiment.seed = 7
@@ -29,6 +30,11 @@ plan = [
 # Brains and overrides
 
 
+def with_overrides(numbers, words):
+    names = [field.name for field in dataclasses.fields(numbers)]
+    return dataclasses.replace(numbers, **values_of(words, names))
+
+
 def test_a_named_brain_is_found_by_its_name_and_named_by_it():
     for name, brain in BRAINS.items():
         assert named_brain(name) == brain and brain_name(brain) == name
@@ -39,13 +45,13 @@ def test_a_named_brain_is_found_by_its_name_and_named_by_it():
 
 
 def test_overrides_replace_the_named_parameters_only():
-    for numbers, words, changed in (
+    for numbers, words, values in (
         (Parameters(), ["fixed_motors=[0.0,0.5]"], dict(fixed_motors=(0.0, 0.5))),
         (BRAINS["steady"], ["initial_epsilon=null"], dict(initial_epsilon=None)),
         (Kinematics(), ["wall=slides", "any_contact=true"], dict(wall="slides", any_contact=True)),
     ):
         found = with_overrides(numbers, words)
-        assert found == dataclasses.replace(numbers, **changed)
+        assert found == dataclasses.replace(numbers, **values)
         assert with_overrides(numbers, overrides_of(found, numbers)) == found
 
 
@@ -55,11 +61,12 @@ def test_invalid_names_and_overrides_are_refused_in_a_sentence():
         (["lga=1"], "there is no parameter 'lga'; did you mean lag?"),
         (["lag"], "a value is set as NAME=VALUE, got 'lag'"),
         (["lag=0", "lag=1"], "lag is given twice"),
-        (["lag=long", "wall=slides"], "lag must be a number in [0, 1000] s, got 'long'"),
     ):
         with pytest.raises(InputError) as caught:
             with_overrides(Kinematics(), words)
         assert sentence in str(caught.value)
+    with pytest.raises(InputError, match=r"lag must be a number in \[0, 1000\] s, got 'long'"):
+        changed(Experiment(), values_of(["kinematics.lag=long"], ["kinematics.lag"]))
     with pytest.raises(InputError, match=r"there is no brain 'stedy'; did you mean steady\?"):
         named_brain("stedy")
     with pytest.raises(InputError, match="the brain must be one of paper, .*, got 'divine'"):

@@ -1,8 +1,6 @@
 """A run as a value: what is derived from the counts, and what it gives to whoever reads results."""
 
-import sys
 from fractions import Fraction
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +8,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.analysis.comparison import compare_runs
-from musebot.protocols.errors import InputError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import (
@@ -157,21 +154,3 @@ def test_the_test_after_training_lasts_20_minutes_or_an_hour(run):
     assert run.test_seconds("wall_avoidance") == pytest.approx(20 * 60)
     half = Run("half", Experiment(time_scale=0.5), {})
     assert half.test_seconds("spot_finding") == pytest.approx(30 * 60)
-
-
-def test_a_frame_has_a_row_for_each_robot_with_the_shares_of_the_tests_or_says_what_helps(
-    run, monkeypatch
-):
-    frames = []
-    monkeypatch.setitem(sys.modules, "pandas", SimpleNamespace(DataFrame=frames.append))
-    run.to_frame()
-    (rows,) = frames
-    robots = [robot for condition in run.conditions() for robot in run.robots(condition)]
-    for row, robot in zip(rows, robots, strict=True):
-        seconds = run.test_seconds(robot.task)
-        assert (row["proposer"], row["robot"]) == (robot.proposer, robot.robot)
-        assert row["pre_share"] == pytest.approx(robot.t_pre_s / seconds)
-        assert row["post_share"] == pytest.approx(robot.t_post_s / seconds)
-    monkeypatch.setitem(sys.modules, "pandas", None)
-    with pytest.raises(InputError, match="pip install pandas$"):
-        run.to_frame()

@@ -18,13 +18,9 @@ from musebot.protocols.lives.run import Lives, joined, network_shapes
 from musebot.protocols.lives.run_files import (
     RESULTS_FILE,
     ROBOTS_FILE,
-    has_all_robots,
     planned,
     read_measured,
     read_run,
-    read_runs,
-    read_so_far,
-    run_names,
     write_results,
 )
 from musebot.protocols.storage import load_arrays, save_arrays, write_json
@@ -154,7 +150,6 @@ def test_a_run_that_is_kept_without_networks_has_all_else(folder):
 
 def test_a_folder_without_results_has_no_robots_yet(folder, tmp_path):
     (folder / RESULTS_FILE).unlink()
-    assert read_so_far(folder).conditions() == []
     for path, words in (
         (folder, "holds no finished robots yet"),
         (tmp_path, "; it has the runs run$"),
@@ -204,26 +199,6 @@ def test_a_folder_holds_a_plan_or_can_hold_a_new_run_or_is_foreign(folder, tmp_p
             with pytest.raises(InputError, match=str(path)):
                 planned(path)
         (tmp_path / "new" / name).unlink()
-
-
-def test_a_folder_has_all_robots_of_a_plan_or_not(folder, tmp_path):
-    assert has_all_robots(folder, Plan(EXPERIMENT, {WALLS: 2, SPOT: 4}))
-    assert not has_all_robots(folder, Plan(EXPERIMENT, {WALLS: 4}))
-    assert not has_all_robots(tmp_path, PLAN)
-
-
-def test_runs_have_distinct_names_and_none_is_given_twice(folder, tmp_path):
-    (tmp_path / "b").mkdir()
-    (tmp_path / "b" / "run").symlink_to(folder)
-    other = tmp_path / "c" / "run"
-    other.mkdir(parents=True)
-    written(other, {WALLS: sample(WALLS)})
-    assert [run.name for run in read_runs([folder, other])] == [f"{tmp_path.name}/run", "c/run"]
-    assert run_names([folder]) == ["run"]
-    with pytest.raises(InputError, match="given twice"):
-        read_runs([folder, tmp_path / "b" / "run"])
-    with pytest.raises(InputError, match="at least one"):
-        read_runs([])
 
 
 def test_a_replay_tells_of_another_physics_and_runs_mujoco_warps_in_c(folder, tmp_path, capsys):

@@ -1,8 +1,6 @@
-"""Figures of single robots: examples of every kind, and typical robots."""
+"""Figures of single robots: examples of every kind."""
 
 from __future__ import annotations
-
-import dataclasses
 
 import numpy as np
 import pytest
@@ -10,8 +8,7 @@ import torch
 from helpers import run_of_rows
 from matplotlib.figure import Figure
 
-from musebot.protocols.analysis.behaviour import Stay, Track
-from musebot.protocols.errors import InputError
+from musebot.protocols.analysis.behaviour import Track
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
@@ -66,8 +63,6 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
         assert robot_figures.examples(run, task) == []
         assert robot_figures.favourite(run, task) is None
         assert robot_figures.trajectories(run, task) is robot_figures.values(run, task) is None
-    with pytest.raises(InputError, match="has no typical robots"):
-        robot_figures.typical(run)
 
 
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
@@ -162,70 +157,3 @@ def test_situations_match_their_names():
     assert smells["no smell"] == 0
     assert smells["spot 20 cm ahead"] == pytest.approx(3 / 4, rel=0.01)  # s' = 10 * 0.06 / 0.2
     assert smells["inside the spot"] == pytest.approx(10 / 11)
-
-
-# ---- Typical robots ----
-
-WALLS, SPOT = Condition(WA, "fixed"), Condition(SF, "creative")
-SPINNING = [0, 6, 9, 3]  # of 12 seconds
-ARRIVALS = (0, 600, 1440, 2000)  # steps; 1500 are `SLOW` minutes
-FIVE = {task: [INVALID, *[("0 < L < 1", 1.0, 2.0, 0.5)] * 4] for task in KINDS}
-
-
-@pytest.fixture
-def five(monkeypatch):
-    """A run of five robots in each condition, the first invalid; the others spin or arrive."""
-
-    def evaluated(run, condition, which, minutes):
-        assert which == [(row, "after") for row in (1, 2, 3, 4)]
-        number = np.arange(round(600 * minutes))[:, None]
-        spinning = number < 10 * np.array(SPINNING if condition == WALLS else 4 * [0])
-        poses = np.zeros((len(number) + 1, 4, 3))
-        poses[1:, :, 2] = 0.2 * spinning.cumsum(axis=0)
-        return Track(poses, number >= np.array(ARRIVALS), np.zeros(2), poses[1:, :, :2])
-
-    monkeypatch.setattr(robot_figures, "evaluate", evaluated)
-    return invented([WALLS, SPOT], FIVE, first=7)
-
-
-def test_each_typical_robot_is_the_one_that_its_words_describe(five):
-    spinner, slow = robot_figures.typical_robots(five)
-    assert (spinner.kind, spinner.index, spinner.row, spinner.condition) == ("spinner", 2, 3, WALLS)
-    assert spinner.words == "spins in 75% of\nthe first 0.2 minutes"
-    front = spinner.track.poses[:, spinner.index, :2]
-    assert np.linalg.norm(front, axis=1) == pytest.approx(0.0275)  # it moves on a circle
-    assert (slow.kind, slow.index, slow.row, slow.condition) == ("slow approacher", 2, 3, SPOT)
-    assert slow.words == "reaches the spot after\n2.4 minutes"
-    with style.styled():
-        axes = robot_figures.typical(five).axes
-    titles = [axis.get_title(loc="left") for axis in axes]
-    assert titles == ["spinner\nfixed 10", "slow approacher\ncreative 10"]
-    assert axes[0].get_xlim() == pytest.approx(front[:, 0].mean() + np.array([-0.09, 0.09]))
-
-
-def test_a_run_whose_robots_hardly_spin_has_no_spinner(five, monkeypatch):
-    monkeypatch.setitem(globals(), "SPINNING", [1, 0, 1, 0])  # 8 % of the time
-    only = dataclasses.replace(five, results={WALLS: five.results[WALLS]})
-    with pytest.raises(InputError, match="has no typical robots"):
-        robot_figures.typical(only)
-
-
-def test_the_follower_is_the_robot_that_its_words_describe(monkeypatch):
-    """The first robot of three does not stay; the last one follows most."""
-    following, spinning = [[0.9, 0.9], [0.2, 0.3], [0.8, 0.1]], [[0.9, 0.9], [0.1, 0.3], [0.0, 0.4]]
-    staying = np.array([False, True, True])
-    numbers = Stay(staying, np.array(following), np.array(spinning), np.zeros((1, 3)))
-    nose, poses = np.full((60, 3, 2), 0.2), np.zeros((61, 3, 3))
-    nose[20:50, 2] = 0.06, 0.0  # at the rim
-    poses[:, 2, 0] = np.arange(61)
-    track = Track(poses, np.zeros((60, 3), bool), np.zeros(2), nose)
-    monkeypatch.setattr(robot_figures, "finders", lambda *_: [5, 6, 7])
-    monkeypatch.setattr(robot_figures, "from_the_rim", lambda *_: (track, 0.06))
-    monkeypatch.setattr(robot_figures, "stay_of", lambda *_: numbers)
-    lost = {SF: [("L < 0", 1.0, 0.0, -0.5)] * 8}  # none is in the spot after training
-    (follower,) = robot_figures.typical_robots(invented([SPOT], lost, scale=0.02))
-    assert (follower.kind, follower.row, follower.index) == ("contour follower", 7, 2)
-    assert follower.words == "follows the rim 80%,\nat last spins 40%"
-    # The 30 steps at the rim are in the path that is drawn.
-    assert len(follower.track.events) == round(robot_figures.DRAWN_MINUTES * 600 * 0.02) == 36
-    assert follower.track.poses[:, 2, 0].tolist() == [*range(14, 15 + 36)]

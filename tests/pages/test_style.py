@@ -3,7 +3,7 @@
 import subprocess
 import sys
 
-from musebot.protocols.pages import report, style
+from musebot.protocols.pages import style
 
 PROPOSERS = ("fixed", "random", "creative")
 
@@ -21,19 +21,27 @@ def test_each_agent_of_a_run_has_its_own_look_and_proposers_keep_their_colours()
 DRAW = """
 import sys
 from pathlib import Path
-from musebot.protocols.pages.report import draw
+from musebot.protocols.pages import style
 import matplotlib
-draw("architecture", Path(sys.argv[1]), task="spot_finding")
+
+def draw(name):
+    with style.styled():
+        figure, axes = style.canvas(2, 1, 1)
+        axes[0, 0].set_title("title")
+        style.save(figure, Path(name).parent, Path(name).name)
+
+draw(sys.argv[1])
 print(matplotlib.rcParams["font.size"])
 """
 
 
 def test_a_figure_has_the_same_bytes_whatever_a_matplotlibrc_says(tmp_path):
     settings = "font.size: 20\ntext.usetex: True\naxes.facecolor: red\nsvg.fonttype: none\n"
-    (tmp_path / "matplotlibrc").write_text(settings)
-    ours, theirs = tmp_path / "ours.svg", tmp_path / "theirs.svg"
-    report.draw("architecture", ours, task="spot_finding")
-    command = [sys.executable, "-c", DRAW, str(theirs)]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
-    assert done.stdout.strip() == "20.0", done.stderr  # outside of our figures it holds
-    assert theirs.read_bytes() == ours.read_bytes()
+    (tmp_path / "with").mkdir()
+    (tmp_path / "with/matplotlibrc").write_text(settings)
+    for folder, size in ((tmp_path, "10.0"), (tmp_path / "with", "20.0")):
+        command = [sys.executable, "-c", DRAW, str(folder / "drawn")]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert done.stdout.strip() == size, done.stderr  # outside of our figures it holds
+    for name in ("drawn.svg", "drawn.png"):
+        assert (tmp_path / name).read_bytes() == (tmp_path / "with" / name).read_bytes()
