@@ -1,4 +1,4 @@
-"""Makes the films and pictures of tasks, robot and networks anew: `make pictures`."""
+"""Makes the films and pictures of the tasks anew: `make pictures`."""
 
 from __future__ import annotations
 
@@ -31,8 +31,6 @@ STEADY = "film docs/results/steady --task spot_finding --proposer creative --rob
 COMMANDS = {
     "before-after.gif": f"{STEADY} --seconds 6 --speed 50",
     **{f"{task}.gif": f"film --task {task} --phase both --seed 1 --seconds 8" for task in SUITE},
-    "architecture.svg": "report --figure architecture",
-    "robot.png": "report --figure robot",
 }
 
 
