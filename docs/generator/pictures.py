@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 
 import musebot
-from musebot.tasks.suite import SUITE
+from musebot.tasks.arena import SUITE
 
 ROOT = Path(__file__).parents[2]
 IMAGES = ROOT / "docs" / "images"
