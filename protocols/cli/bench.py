@@ -12,8 +12,9 @@ from .options import option
 _TEXTS = {
     "machine": "Rates are in robot-steps per second. A ratio is the median of the ratios of paired "
     "repetitions, with its range. MuJoCo's timers are off.",
-    "lives": "Creative robots in training (sensors, brain, counts, physics), and their physics "
-    "alone with random motor values.",
+    "lives": "Creative robots in training (sensors, brain, counts, physics), and the physics "
+    "alone: `mujoco.rollout` with the same motor values from the same states, or the kinematic "
+    "simulator with random ones.",
     "backends": "Creative spot finding in training in the kinematic simulator, by Numba and by "
     "PyTorch.",
     "interfaces": "Wall avoidance with random actions, and `tasks.Batch` alone with the same ones.",

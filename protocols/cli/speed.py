@@ -13,12 +13,17 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import mujoco
 import numpy as np
 import torch
+from mujoco import rollout
 
 from ... import tasks
 from ...controller import BRAINS
+from ...tasks import Batch
+from ...tasks.batch import substeps_of
 from ...tasks.lives import PAPER_LIVES
+from ..errors import RunError
 from ..lives.cohort import Cohort
 from ..lives.conditions import CohortKey, Condition
 from ..lives.device import HOST
@@ -104,9 +109,57 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
     return cohort
 
 
-def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
-    """Times control steps of a cohort, and of its physics with random motors; see `paired`."""
+def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Callable[[], None]]:
+    """Returns control steps of a cohort in MuJoCo, and their physics alone, as functions.
+
+    The second repeats the robots' motor values from the same states by `mujoco.rollout`: any
+    program that chooses new ones in every control step must do at least this. The last substep is a
+    rollout of its own, where the solver begins anew, as in a `Batch`. It raises RunError if it ends
+    in other states.
+    """
     batch: Any = cohort.batch
+    recorder, model = cohort.recorded(), batch.model
+    engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)  # in the calling thread
+    models, state = [model] * batch.robots, batch.arrays()["state"].copy()
+    parts = [substeps for substeps in (substeps_of(model) - 1, 1) if substeps]
+    widths = state.shape[1], model.nsensordata
+    found = [[np.zeros((batch.robots, n, width)) for width in widths] for n in parts]
+
+    def live() -> None:
+        recorder.motors.clear()
+        state[:] = batch.arrays()["state"]
+        cohort.advance(steps)
+
+    def replay() -> None:
+        for motors in recorder.motors:
+            control = motors[:, None].astype(float)
+            for substeps, (after, sensed) in zip(parts, found, strict=True):
+                engine.rollout(
+                    models,
+                    [data],
+                    state,
+                    control.repeat(substeps, axis=1),
+                    nstep=substeps,
+                    state=after,
+                    sensordata=sensed,
+                    skip_checks=True,
+                )
+                state[:] = after[:, -1]
+        if not np.array_equal(state, batch.arrays()["state"]):
+            raise RunError("the physics alone did not end in the states of the life it repeats")
+
+    return live, replay
+
+
+def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
+    """Times control steps of a cohort, and of its physics; see `paired`.
+
+    Of MuJoCo it is the same physics, see `against_mujoco`, of other simulators that of random motor
+    values.
+    """
+    batch: Any = cohort.batch
+    if isinstance(batch, Batch):
+        return paired(steps * batch.robots, repetitions, *against_mujoco(cohort, steps))
     device, on_tensors = cohort.experiment.device, cohort.experiment.on_tensors
     motors: Any = torch.rand(batch.robots, 2, device=device) - 0.5
     motors = motors if on_tensors else motors.numpy()

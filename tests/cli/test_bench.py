@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import speed
+from musebot.protocols.errors import RunError
 from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 
@@ -40,6 +41,23 @@ def test_the_timed_robots_learn(body):
     speed.life(timed, 10, repetitions=2)
     after = timed.agent.weights()
     assert all(not np.array_equal(before[name], after[name]) for name in before)
+
+
+def test_the_physics_alone_repeats_a_life_and_another_one_is_refused():
+    experiment = Experiment(cohort_size=3)
+    timed, plain = (
+        speed.cohort_in_training(experiment, Condition("wall_avoidance", "creative"))
+        for _ in range(2)
+    )
+    live, replay = speed.against_mujoco(timed, 5)
+    live(), replay()
+    plain.advance(5)
+    for name, array in timed.batch.arrays().items():
+        np.testing.assert_array_equal(array, plain.batch.arrays()[name])
+    live()
+    timed.agent.motors[3] *= -1
+    with pytest.raises(RunError, match="did not end in the states of the life"):
+        replay()
 
 
 ROWS = {"lives": 16, "interfaces": 4, "backends": 1}
