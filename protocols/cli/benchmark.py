@@ -14,7 +14,7 @@ _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
-_RAW = "paper, or raw: smell and reward before they saturate (paper)"
+_RAW = "paper, or raw: smell and reward before they saturate (raw)"
 _TUNED = "folders of `musebot benchmark tune`; others have default settings"
 _SCALE = "factor on every duration, in (0, 1] (1)"
 
@@ -62,7 +62,7 @@ class Run(_Conducted):
         (), "learners: paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
-    signals: str = option("paper", _RAW, choices=_SIGNALS)
+    signals: str = option("raw", _RAW, choices=_SIGNALS)
     body: str = option("kinematic", "mujoco or kinematic (kinematic)", "NAME", choices=_BODIES)
     robots: int = option(60, "robots of each learner: up to 60 or a multiple; MuJoCo: 30 (60)", "N")
     seed: int = option(61010, "seed of all random streams (61010)", "N")
@@ -90,7 +90,7 @@ class Tune(_Conducted):
     agent: str = option(
         dataclasses.MISSING, "`musebot list agents`, or package.module:factory", "AGENT"
     )
-    signals: str = option("paper", _RAW, choices=_SIGNALS)
+    signals: str = option("raw", _RAW, choices=_SIGNALS)
     life: str = option("spot_finding", "life of all robots (spot_finding)", "LIFE")
     trials: int = option(16, "number of settings that are tried (16)", "N")
     kept: int = option(4, "number of settings that are simulated again (4)", "N")

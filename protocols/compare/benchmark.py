@@ -47,7 +47,7 @@ class Benchmark(Study):
     life: tuple[str, ...] = HEADLINE
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     tuned: tuple[Path, ...] = ()
-    signals: Signals = "paper"
+    signals: Signals = "raw"
     robots: int = whole(60, 1, MOST_ROBOTS)
     seed: int = 61010
     body: Body = "kinematic"

@@ -85,7 +85,7 @@ class Tune(Study):
     folders: ClassVar[tuple[str, ...]] = ("trials",)
 
     agent: str
-    signals: Signals = "paper"
+    signals: Signals = "raw"
     life: str = SPOT_FINDING.name
     trials: int = whole(16, 1, _MOST)
     kept: int = whole(4, 1, _MOST)

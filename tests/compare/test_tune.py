@@ -146,8 +146,8 @@ def test_a_study_is_read_from_its_folder_without_its_agents_code(tuned, tmp_path
     assert (read, folder) == (study, out)
     with pytest.raises(InputError, match="trust"):
         read.best(out)
-    assert [*read_tunings([out])] == [("mine:each", "paper")]
-    with pytest.raises(InputError, match="mine:each with paper signals was tuned twice"):
+    assert [*read_tunings([out])] == [("mine:each", "raw")]
+    with pytest.raises(InputError, match="mine:each with raw signals was tuned twice"):
         read_tunings([out, out])
 
 

@@ -79,7 +79,7 @@ class DQNWithoutReplay(DQN):
     REPLAY, BATCH = 1, 1
 
 
-_SETTINGS = {
+SETTINGS = {
     "rate": Setting(0.001, 1e-4, 1e-2, "learn rate", log=True, each=True),
     "discount": Setting(0.95, 0.6, 0.99, "discount of the next value", each=True),
     "epsilon": epsilon(0.05),
@@ -88,13 +88,13 @@ _SETTINGS = {
 }
 
 
-@tunable(**_SETTINGS)
+@tunable(**SETTINGS)
 def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015)."""
     return DQN(robots, senses, seed, **settings)
 
 
-@tunable(**_SETTINGS)
+@tunable(**SETTINGS)
 def dqn_no_replay(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """`dqn` without its memory: it learns from the last transition only."""
     return DQNWithoutReplay(robots, senses, seed, **settings)

@@ -59,12 +59,21 @@ class LayeredNetworks:
         """
         tensors = self.tensors if flat is None else self._views(flat)
         several = inputs.dim() == 3
-        x = inputs if several else inputs[:, None]
+        x = self._layers(inputs if several else inputs[:, None], tensors)[-1]
+        return x if several else x[:, 0]
+
+    def hidden(self, inputs: Tensor) -> list[Tensor]:
+        """Returns the activations of each hidden layer, (B, H), at inputs (B, I)."""
+        return [x[:, 0] for x in self._layers(inputs[:, None], self.tensors)[:-1]]
+
+    def _layers(self, x: Tensor, tensors: list[Tensor]) -> list[Tensor]:
+        found = []
         for layer, (weights, biases) in enumerate(zip(tensors[::2], tensors[1::2], strict=True)):
             x = torch.baddbmm(biases[:, None], x, weights.mT)
             if layer < len(self._hidden):
                 x = self._hidden[layer](x)
-        return x if several else x[:, 0]
+            found.append(x)
+        return found
 
     def differentiated(self, objective: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
         """Returns each robot's objective, (B,), and its gradient, (B, W).

@@ -1,4 +1,4 @@
-"""Ingredients against the loss of plasticity, each added alone to `q_learner`."""
+"""Ingredients against the loss of plasticity, each added alone to `dqn_no_replay`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
+from .dqn import SETTINGS, DQNWithoutReplay
 from .networks import column
-from .q_learning import SETTINGS, QLearner
 
-_DECAY = Setting(
-    1e-5, 1e-7, 1e-3, "share of each weight that a step takes away", log=True, each=True
-)
+_DECAY = Setting(1e-6, 1e-8, 1e-4, "share of each weight that a step takes", log=True, each=True)
 
 
-class ShrinkAndPerturb(QLearner):
-    """Q-learning whose weights shrink and receive noise in each step.
+class ShrinkAndPerturb(DQNWithoutReplay):
+    """DQN without replay whose weights shrink and receive noise in each step.
 
     Shrink and perturb (Ash and Adams, "On warm-starting neural network training", NeurIPS 2020) in
     the online form of Dohare et al. ("Loss of plasticity in deep continual learning", Nature 632,
@@ -26,62 +24,63 @@ class ShrinkAndPerturb(QLearner):
 
     def update(self, reward: Tensor) -> None:
         super().update(reward)
-        weights = self._networks.weights
+        weights = self.networks.flat
         weights.mul_(1 - column(self.setting["decay"]))
         if "noise" in self.setting:
             noise = torch.randn(weights.shape, generator=self.generator)
             weights.add_(column(self.setting["noise"]) * noise)
 
 
-class ContinualBackprop(QLearner):
-    """Q-learning in which the least useful hidden neurons are born again, a few at a time.
+class ContinualBackprop(DQNWithoutReplay):
+    """DQN without replay in which the least useful hidden neurons are born again, a few at a time.
 
     Continual backpropagation (Dohare et al., Nature 632, 2024, Algorithm 1): the utility of a
     neuron is a running mean of its activation times the sum of its outgoing weights, both
-    absolute. Of the neurons that are older than `MATURE` steps the share `replaced` is replaced in
-    each step: ingoing weights are drawn as those of a newborn, outgoing ones are 0.
+    absolute. In each hidden layer the share `replaced` of the neurons that are older than `MATURE`
+    steps is replaced in each step: ingoing weights are drawn as those of a newborn, bias and
+    outgoing weights are 0. Adam's moments stay, unlike in the source.
     """
 
     MATURE, UTILITY_DECAY = 1000, 0.99
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, **settings)
-        self._utility = self.keep("utility", torch.zeros(robots, self.HIDDEN))
-        self._ages = self.keep("ages", torch.zeros(robots, self.HIDDEN))
-        self._due = self.keep("due", torch.zeros(robots))
+        shape = 2, robots, int(self.setting["hidden"])  # of both hidden layers
+        self._utility = self.keep("utility", torch.zeros(shape))
+        self._ages = self.keep("ages", torch.zeros(shape))
+        self._due = self.keep("due", torch.zeros(shape[:2]))
 
     def update(self, reward: Tensor) -> None:
         super().update(reward)
-        networks = self._networks
-        hidden = networks.forward(self.before["inputs"])[0]
-        useful = hidden.abs() * networks.output_weights.abs().sum(dim=1)
-        self._utility.lerp_(useful, 1 - self.UTILITY_DECAY)
         self._ages += 1
-        mature = self._ages > self.MATURE
-        self._due += self.setting["replaced"] * mature.sum(dim=1)
-        robots = torch.nonzero(self._due >= 1)[:, 0]
-        if len(robots):
-            self._due[robots] -= 1
-            neurons = self._utility.where(mature, torch.inf)[robots].argmin(dim=1)
-            self._replace(robots, neurons)
+        for layer, hidden in enumerate(self.networks.hidden(self.before["inputs"])):
+            outgoing = self.networks.tensors[2 * layer + 2]
+            useful = hidden.abs() * outgoing.abs().sum(dim=1)
+            self._utility[layer].lerp_(useful, 1 - self.UTILITY_DECAY)
+            mature = self._ages[layer] > self.MATURE
+            self._due[layer] += self.setting["replaced"] * mature.sum(dim=1)
+            robots = torch.nonzero(self._due[layer] >= 1)[:, 0]
+            if len(robots):
+                self._due[layer, robots] -= 1
+                least = self._utility[layer].where(mature, torch.inf)[robots].argmin(dim=1)
+                self._replace(layer, robots, least)
 
-    def _replace(self, robots: Tensor, neurons: Tensor) -> None:
-        """Gives one hidden neuron of some robots, shapes (n,), the weights of a newborn."""
-        networks = self._networks
-        drawn = torch.rand(len(robots), self.inputs + 1, generator=self.generator) * 2 - 1
-        drawn *= self.INITIAL
-        networks.hidden_weights[robots, neurons] = drawn[:, :-1]
-        networks.hidden_biases[robots, neurons] = drawn[:, -1]
-        networks.output_weights[robots, :, neurons] = 0
-        self._utility[robots, neurons] = 0
-        self._ages[robots, neurons] = 0
+    def _replace(self, layer: int, robots: Tensor, neurons: Tensor) -> None:
+        """Gives one neuron of a layer, of some robots, shapes (n,), the weights of a newborn."""
+        ingoing, biases, outgoing = self.networks.tensors[2 * layer : 2 * layer + 3]
+        width = ingoing.shape[2]
+        drawn = torch.rand(len(robots), width, generator=self.generator) * 2 - 1
+        ingoing[robots, neurons] = drawn / width**0.5
+        biases[robots, neurons] = 0
+        outgoing[robots, :, neurons] = 0
+        self._utility[layer, robots, neurons] = 0
+        self._ages[layer, robots, neurons] = 0
 
 
-class CentredQLearner(QLearner):
-    """Q-learning from rewards less their mean.
+class CentredDQN(DQNWithoutReplay):
+    """DQN without replay from rewards less their running mean.
 
-    Reward centering (Naik et al., "Reward centering", RLC 2024, section 3, value-based form): the
-    mean reward follows the error of the values, as they do, with the learn rate times `pace`.
+    Reward centering (Naik et al., "Reward centering", RLC 2024, section 2: simple centering).
     """
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
@@ -89,23 +88,23 @@ class CentredQLearner(QLearner):
         self._mean = self.keep("mean", torch.zeros(robots))
 
     def update(self, reward: Tensor) -> None:
-        error = self.learn_values(reward - self._mean)
-        self._mean += self.setting["pace"] * self.setting["rate"] * error
+        self._mean += self.setting["pace"] * (reward - self._mean)
+        super().update(reward - self._mean)
 
 
 @tunable(**SETTINGS, decay=_DECAY)
-def q_l2(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`q_learner` with L2 regularisation towards zero."""
+def dqn_l2(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
+    """`dqn_no_replay` with L2 regularisation towards zero."""
     return ShrinkAndPerturb(robots, senses, seed, **settings)
 
 
 @tunable(
     **SETTINGS,
     decay=_DECAY,
-    noise=Setting(1e-4, 1e-6, 1e-2, "noise in a step, SD", log=True, each=True),
+    noise=Setting(1e-5, 1e-7, 1e-3, "noise in a step, SD", log=True, each=True),
 )
-def q_shrink_perturb(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`q_learner` with weights that shrink and receive noise (Ash and Adams 2020)."""
+def dqn_shrink_perturb(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
+    """`dqn_no_replay` with weights that shrink and receive noise (Ash and Adams 2020)."""
     return ShrinkAndPerturb(robots, senses, seed, **settings)
 
 
@@ -113,17 +112,15 @@ def q_shrink_perturb(robots: int, senses: Senses, seed: int, **settings: Number)
     **SETTINGS,
     replaced=Setting(1e-5, 1e-7, 1e-3, "share of mature neurons in a step", log=True, each=True),
 )
-def q_continual(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`q_learner` with continual backpropagation (Dohare and others 2024)."""
+def dqn_continual(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
+    """`dqn_no_replay` with continual backpropagation (Dohare and others 2024)."""
     return ContinualBackprop(robots, senses, seed, **settings)
 
 
 @tunable(
     **SETTINGS,
-    pace=Setting(
-        0.1, 0.001, 1.0, "learn rate of the mean reward over that of values", log=True, each=True
-    ),
+    pace=Setting(1e-3, 1e-5, 0.1, "share of a reward in its mean", log=True, each=True),
 )
-def q_centred(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`q_learner` with reward centring (Naik and others 2024)."""
-    return CentredQLearner(robots, senses, seed, **settings)
+def dqn_centred(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
+    """`dqn_no_replay` with reward centring (Naik and others 2024)."""
+    return CentredDQN(robots, senses, seed, **settings)

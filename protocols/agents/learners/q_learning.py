@@ -24,15 +24,13 @@ class QLearner(OnlineLearner):
     inputs are the signals themselves, as in the paper.
     """
 
-    HIDDEN, INITIAL = 16, 0.1  # hidden neurons; largest initial weight
+    HIDDEN = 16
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
         self._actions = grid_of_actions()
         count = len(self._actions)
-        self._networks = Networks(
-            robots, self.inputs, self.HIDDEN, count, self.INITIAL, self.generator
-        )
+        self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
         for name, tensor in self._networks.tensors().items():
             self.keep(name, tensor, learned=True)
         self._rows = torch.arange(robots)
@@ -49,10 +47,6 @@ class QLearner(OnlineLearner):
         return self._actions[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
-        self.learn_values(reward)
-
-    def learn_values(self, reward: Tensor) -> Tensor:
-        """Learns from the transition with its reward, shape (B,); returns the errors, (B,)."""
         inputs, chosen = self.before["inputs"], self.before["chosen"]
         best = self._networks.forward(self.now["inputs"])[1].amax(dim=1)
         hidden, values = self._networks.forward(inputs)
@@ -60,18 +54,14 @@ class QLearner(OnlineLearner):
         steps = torch.zeros_like(values)
         steps[self._rows, chosen] = self.setting["rate"] * error
         self._networks.ascend(inputs, hidden, steps)
-        return error
 
 
-SETTINGS = {
-    "rate": Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
-    "discount": Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
-    "epsilon": epsilon(0.05),
-    "epsilon_steps": epsilon_steps(1.0),
-}
-
-
-@tunable(**SETTINGS)
+@tunable(
+    rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
+    discount=Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
+    epsilon=epsilon(0.05),
+    epsilon_steps=epsilon_steps(1.0),
+)
 def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
     """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions."""
     return QLearner(robots, senses, seed, **settings)

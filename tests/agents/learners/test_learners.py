@@ -8,7 +8,7 @@ from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.names import OWN
 from musebot.protocols.agents.settings import settings_of
 
-INGREDIENTS = ("q_l2", "q_shrink_perturb", "q_continual", "q_centred")
+INGREDIENTS = ("dqn_l2", "dqn_shrink_perturb", "dqn_continual", "dqn_centred")
 LEARNERS = tuple(name for name in OWN if name not in ("ppo", "hand_coded", "newborn"))
 SENSES = Senses((Signal(0, 1), Signal(-1, 0)), Signal(0, 1))
 pytestmark = pytest.mark.parametrize("name", LEARNERS)
@@ -134,14 +134,14 @@ def test_nothing_is_left_of_the_past_when_a_robot_is_placed_anew(name):
 
 # Settings with which a learner finds the better action in a few hundred steps.
 FAST = {
-    **{name: {"discount": 0.6, "epsilon": 0.2} for name in ("q_learner", *INGREDIENTS)},
+    **{name: {"discount": 0.6, "epsilon": 0.2} for name in ("q_learner",)},
     "sarsa_lambda": {"discount": 0.6, "epsilon": 0.2},
     "stream_q": {"discount": 0.6, "epsilon": 0.2, "epsilon_steps": 300.0},
     "stream_ac": {"discount": 0.6},
     "avg": {"discount": 0.6},
     "amortised_q": {"discount": 0.6, "epsilon": 0.2, "rate": 0.01, "proposer_rate": 0.01},
     "dqn": {"discount": 0.6, "epsilon_steps": 300.0},
-    "dqn_no_replay": {"discount": 0.6, "epsilon_steps": 300.0},
+    **{name: {"discount": 0.6, "epsilon_steps": 300.0} for name in ("dqn_no_replay", *INGREDIENTS)},
 }
 ROBOTS, TRAINED, MARGIN = 48, 250, 0.4
 

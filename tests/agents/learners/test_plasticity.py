@@ -7,21 +7,21 @@ from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
 
 SENSES = Senses((Signal(0, 1), Signal(-1, 0)), Signal(0, 1))
-ROBOTS, STEPS = 200, 30
+ROBOTS, STEPS, HIDDEN = 50, 30, 16
 
 
-def lived(name, steps=STEPS, robots=ROBOTS, **settings):
+def lived(name, steps=STEPS, rewards=None, **settings):
     """Returns a learner after some steps on a fixed stream, in which it never explores."""
-    agent, random = factory_of(name)(robots, SENSES, 1, epsilon=0.0, **settings), rewards(steps)
+    usual = {"epsilon": 0.0, "epsilon_steps": 1.0, "hidden": HIDDEN}
+    agent, random = (
+        factory_of(name)(ROBOTS, SENSES, 1, **usual | settings),
+        np.random.default_rng(2),
+    )
     agent.reset()
-    for reward, smell in zip(random, random[::-1], strict=True):
-        agent.act(np.tile([smell, -smell], (robots, 1)).astype(np.float32), True)
-        agent.learn(np.full(robots, reward, np.float32))
+    for smell in random.uniform(size=steps):
+        agent.act(np.tile([smell, -smell], (ROBOTS, 1)).astype(np.float32), True)
+        agent.learn(np.full(ROBOTS, smell if rewards is None else rewards, np.float32))
     return agent
-
-
-def rewards(steps):
-    return np.random.default_rng(2).uniform(size=steps).astype(np.float32)
 
 
 def weights(agent):
@@ -30,40 +30,40 @@ def weights(agent):
 
 def test_l2_takes_a_share_of_the_weights_and_noise_adds_a_spread_of_its_size():
     # Nothing is learned where the rate is 0: what is left is the ingredient.
-    first, last = (weights(lived("q_l2", n, rate=0.0, decay=0.01)) for n in (1, STEPS))
+    first, last = (weights(lived("dqn_l2", n, rate=0.0, decay=0.01)) for n in (1, STEPS))
     assert last == pytest.approx(first * 0.99 ** (STEPS - 1), rel=1e-4)
-    noisy = weights(lived("q_shrink_perturb", rate=0.0, decay=0.01, noise=0.05))
+    noisy = weights(lived("dqn_shrink_perturb", rate=0.0, decay=0.01, noise=0.05))
     left = 0.99 ** (2 * np.arange(STEPS - 1))
     assert (noisy - last).std() == pytest.approx(0.05 * np.sqrt(left.sum()), rel=0.02)
 
 
-def test_a_mean_reward_of_pace_0_changes_nothing_and_a_constant_reward_is_centred_away():
-    assert np.array_equal(weights(lived("q_centred", pace=0.0)), weights(lived("q_learner")))
-    agent = factory_of("q_centred")(2, SENSES, 1, epsilon=0.0, pace=1.0)
-    agent.reset()
-    for _ in range(5000):
-        agent.act(np.tile(np.float32([0.5, -0.5]), (2, 1)), True)
-        agent.learn(np.full(2, 7.0, np.float32))
-    # Values and mean share the constant: mean + (1 - discount) value = reward, Naik's equation.
-    value = agent.weights()["output_biases"].max()
-    assert 3 < agent.state()["mean"][0] < 7 and value < 7 / (1 - 0.9) / 2
+def test_rewards_are_less_their_running_mean():
+    plain = weights(lived("dqn_no_replay"))
+    assert np.array_equal(weights(lived("dqn_centred", pace=0.0)), plain)
+    assert not np.array_equal(weights(lived("dqn_centred", pace=0.1)), plain)
+    mean = lived("dqn_centred", pace=0.1, rewards=7.0).state()["mean"]
+    assert mean == pytest.approx(7 * (1 - 0.9 ** (STEPS - 1)), rel=1e-5)
+    nothing = weights(lived("dqn_no_replay", rewards=0.0))
+    assert weights(lived("dqn_centred", pace=1.0, rewards=7.0)) == pytest.approx(nothing)
 
 
 def test_continual_backprop_replaces_the_least_useful_mature_neurons_at_its_rate(monkeypatch):
-    agent = lived("q_continual", replaced=0.0)
-    monkeypatch.setattr(type(agent), "MATURE", 10)
-    agent = lived("q_continual", rate=0.0, replaced=0.01)
-    ages = agent.state()["ages"]
-    # After 10 steps all 16 are mature; a replaced one is not, so that the share falls slowly.
-    due, mature, born = 0.0, 0, []
-    for step in range(1, STEPS):
-        mature = 16 - sum(step - one <= 10 for one in [0] * (16 - len(born)) + born)
-        due += 0.01 * mature
-        if due >= 1 - 1e-6:
+    monkeypatch.setattr(type(lived("dqn_continual", 1)), "MATURE", 10)
+    agent = lived("dqn_continual", rate=0.0, replaced=0.01)
+    born, due = [], 0.0
+    for step in range(1, STEPS):  # a replaced neuron is not mature: the share falls
+        due += 0.01 * (HIDDEN * (step > 10) - sum(step - one <= 10 for one in born))
+        if due >= 1:
             due -= 1
             born.append(step)
-    assert len(born) > 1 and (np.sort(ages, axis=1)[:, : len(born)] < STEPS - 11).all()
-    assert (np.sort(ages, axis=1)[:, len(born) :] == STEPS - 1).all()
-    fresh = ages < STEPS - 1
-    assert (np.moveaxis(agent.weights()["output_weights"], 1, 2)[fresh] == 0).all()
-    assert not np.array_equal(ages[0], ages[1])  # which one depends on its use
+    ages = agent.state()["ages"]
+    assert len(born) > 1
+    wanted = np.sort([STEPS - 1 - one for one in born] + [STEPS - 1] * (HIDDEN - len(born)))
+    assert (np.sort(ages, axis=2) == wanted).all()
+    outgoing = np.moveaxis(agent.weights()["values.4"], 1, 2)  # of the last hidden layer
+    assert (outgoing[ages[1] < STEPS - 1] == 0).all() and outgoing.any(axis=2).sum() > 0
+    one = lived("dqn_continual", born[0], rate=0.0, replaced=0.01)
+    useful = one.networks.hidden(one.now["inputs"])[0].abs() * one.networks.tensors[2].abs().sum(1)
+    utility = 0.99 * one.state()["utility"][0] + 0.01 * useful.numpy()
+    ages = lived("dqn_continual", born[0] + 1, rate=0.0, replaced=0.01).state()["ages"][0]
+    assert (ages.argmin(axis=1) == utility.argmin(axis=1)).all() and not ages.min()
