@@ -15,7 +15,7 @@ _BODIES = ("mujoco", "kinematic")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate (raw)"
-_TUNED = "folders of `musebot benchmark tune`; others have default settings"
+_TUNED = "folders of `musebot benchmark tune` (none)"
 _SCALE = "factor on every duration, in (0, 1] (1)"
 
 
@@ -62,6 +62,7 @@ class Run(_Conducted):
         (), "learners: paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
+    set: tuple[str, ...] = option((), "other settings, as dqn.rate=0.001", "AGENT.NAME=X")
     signals: str = option("raw", _RAW, choices=_SIGNALS)
     body: str = option("kinematic", "mujoco or kinematic (kinematic)", "NAME", choices=_BODIES)
     robots: int = option(60, "robots of each learner: up to 60 or a multiple; MuJoCo: 30 (60)", "N")

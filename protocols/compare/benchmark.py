@@ -15,7 +15,7 @@ from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
 from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
-from ..errors import InputError, nearest
+from ..errors import InputError, check_name, nearest
 from ..lives.conditions import Condition
 from ..lives.experiment import Backend, Body, Experiment, Signals
 from ..lives.plan import MOST_ROBOTS, Plan
@@ -47,6 +47,7 @@ class Benchmark(Study):
     life: tuple[str, ...] = HEADLINE
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     tuned: tuple[Path, ...] = ()
+    set: tuple[str, ...] = ()
     signals: Signals = "raw"
     robots: int = whole(60, 1, MOST_ROBOTS)
     seed: int = 61010
@@ -111,8 +112,23 @@ class Benchmark(Study):
             raw = self.signals == "raw"
             brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
             return ("creative",), {"brain": brain}
-        settings = self._settings.get((name, self.signals), ())
-        return (name,), {"signals": self.signals, "settings": settings}
+        tuned = self._settings.get((name, self.signals), ())
+        words = [*tuned, *self._chosen.get(short_name(name), ())]
+        settings = {word.partition("=")[0]: word for word in words}  # what is chosen replaces
+        return (name,), {"signals": self.signals, "settings": tuple(settings.values())}
+
+    @functools.cached_property
+    def _chosen(self) -> Mapping[str, Sequence[str]]:
+        """The settings that the command chooses, by the short name of their agent."""
+        found: dict[str, list[str]] = {}
+        for word in self.set:
+            name, _, value = word.partition("=")
+            agent, _, setting = name.rpartition(".")
+            found.setdefault(agent, []).append(f"{setting}={value}")
+        known = [short_name(name) for name in self._learners if name not in BRAINS]
+        for agent in found:
+            check_name("learner", agent, known)
+        return found
 
     @functools.cached_property
     def _learners(self) -> list[str]:

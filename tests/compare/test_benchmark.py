@@ -53,6 +53,8 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         ({"robots": 40, "body": "mujoco"}, "robots above 30 must be a multiple of 30, got 40"),
         ({"agent": ()}, "at least one learner"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
+        ({"set": ("dqm.rate=0.1",), "agent": ("dqn",)}, "there is no learner 'dqm'; did you mean"),
+        ({"set": ("dqn.rat=0.1",), "agent": ("dqn",)}, "dqn has no setting rat"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
         ({"life": ("boddy",)}, "there is no changing life 'boddy'; did you mean body"),
         ({"life": ("spot_finding",)}, "there is no changing life 'spot_finding'"),
@@ -86,6 +88,11 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     study = Benchmark(tuned=(tuned,), agent=("sarsa_lambda",), **TINY)
     own = study.plans()["body-sarsa_lambda"].experiment.settings
     assert own == tune.best(tuned).settings
+    words = ("sarsa_lambda.rate=0.05", "sarsa_lambda.trace=0.5")
+    chosen = dataclasses.replace(study, set=words).plans()["body-sarsa_lambda"].experiment
+    names = [word.partition("=")[0] for word in chosen.settings]
+    assert {*words} <= {f"sarsa_lambda.{word}" for word in chosen.settings}
+    assert len({*names}) == len(names)
     first = conduct(study, out, in_process()).markdown
     assert conduct(study, out, in_process(most=0)).markdown == first
     kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
