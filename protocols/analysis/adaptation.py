@@ -14,7 +14,7 @@ import numpy as np
 from ...tasks.lives import Life, control_steps
 from ..lives.conditions import Condition
 from ..lives.run import Run
-from .intervals import Interval
+from .intervals import FEWEST, UNKNOWN, Interval
 
 FAILED = 0.1
 """Online score below which a life has failed."""
@@ -106,20 +106,26 @@ class Adaptation:
     def last_recovery(self, newborns: Newborns, returns: int) -> tuple[float, Interval]:
         """Returns mean relative recovery in the last phases, as many as `returns`.
 
-        The interval is that of a percentile bootstrap over old robots, and over newborns of each
-        world.
+        The interval is that of a percentile bootstrap over old robots, which are also the newborns
+        of the first world, and over the newborns of each other world. It is unknown for few robots.
         """
+        mean = float(self.relative_recovery(newborns)[-returns:].mean())
+        if min(map(len, newborns)) < FEWEST:
+            return mean, UNKNOWN
         random, draws = np.random.default_rng(1), 4999
 
-        def resampled(values: np.ndarray) -> np.ndarray:
-            drawn = random.integers(len(values), size=(draws, len(values)))
-            return values[drawn].mean(axis=1)
+        def drawn(robots: int) -> np.ndarray:
+            return random.integers(robots, size=(draws, robots))
 
-        old, worlds = self.recovery[:, -returns:], self.worlds[-returns:]
-        controls = np.array([resampled(newborns[world]) for world in worlds]).T
-        low, high = np.quantile((resampled(old) / controls).mean(axis=1), (0.025, 0.975))
-        mean = self.relative_recovery(newborns)[-returns:].mean()
-        return float(mean), (float(low), float(high))
+        own = drawn(len(self.recovery))
+        rows = [own, *(drawn(len(one)) for one in newborns[1:])]
+        controls = np.array(
+            [one[row].mean(axis=1) for one, row in zip(newborns, rows, strict=True)]
+        )
+        old = self.recovery[:, -returns:][own].mean(axis=1)
+        ratios = (old / controls[self.worlds[-returns:]].T).mean(axis=1)
+        low, high = np.quantile(ratios, (0.025, 0.975))
+        return mean, (float(low), float(high))
 
     def slope(self, newborns: Newborns) -> float:
         """Returns the change of log2 `relative_recovery` from one change to the next.

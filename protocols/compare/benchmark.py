@@ -14,6 +14,7 @@ from ...models import Kinematics
 from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
 from ..agents.factory import factory_of, trust
 from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
+from ..agents.settings import settings_from
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, check_name, nearest
 from ..lives.conditions import Condition
@@ -66,6 +67,7 @@ class Benchmark(Study):
                 raise InputError(
                     f"there is no changing life {shown(name)}; {nearest(name, changing)}"
                 )
+        _ = self._chosen  # refuses what no learner has
         shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
         shared |= {"backend": self.backend}
         return {**shared, "signals": self.signals}
@@ -126,8 +128,9 @@ class Benchmark(Study):
             agent, _, setting = name.rpartition(".")
             found.setdefault(agent, []).append(f"{setting}={value}")
         known = [short_name(name) for name in self._learners if name not in BRAINS]
-        for agent in found:
-            check_name("learner", agent, known)
+        for agent, words in found.items():
+            check_name("learner with settings", agent, known)
+            settings_from(words)  # one value each
         return found
 
     @functools.cached_property

@@ -136,7 +136,7 @@ class Cohort:
         self._fused = fused_life(self.agent, self.batch) if alone else None
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = life.legs()
-        self.step = 0
+        self.step, self._entered = 0, -1  # steps so far; that of the last placement
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
@@ -161,6 +161,12 @@ class Cohort:
     def advance(self, steps: int) -> None:
         """Simulates the given number of control steps, or fewer if the life ends before."""
         advance_together([self], steps)
+
+    def enter(self) -> None:
+        """Places robots and spots, where a stretch begins and that has not been done."""
+        if self.step == self.leg.start != self._entered:
+            self.place(self.leg.phase)
+            self._entered = self.step
 
     def recorded(self) -> Recorder:
         """Simulates step by step from now on; returns what keeps the robots' motor values."""
@@ -309,9 +315,8 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
     until = min(earliest + steps, moving[0].steps, *(cohort.step for cohort in resting))
     while (now := moving[0].step) < until:
         leg = moving[0].leg
-        if now == leg.start:
-            for cohort in moving:
-                cohort.place(leg.phase)
+        for cohort in moving:
+            cohort.enter()
         steps = min(leg.stop, until, now - now % _MINUTE + _MINUTE) - now
         if moving[0].simulate(steps, leg.phase.learning):  # alone: a part of a batch cannot
             steps = 0

@@ -75,7 +75,7 @@ def film(
             notice(f"the episode lasts {longest:g} s, so the film lasts {count / fps:g} s")
 
         def drawn(episode: Episode | Relived) -> Iterator[np.ndarray]:
-            panel = Panel(episode.task, episode.driver, episode.when, speed, count * speed / fps)
+            panel = Panel(episode, speed, count * speed / fps)
             for shot, trail in shots_at(times, episode.moments(), speed):
                 yield panel.frame(scene.draw(shot, trail), shot)
 

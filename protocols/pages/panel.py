@@ -11,10 +11,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.rules import RANGEFINDERS
-from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.suite import TASKS
 from . import scene
-from .replay import BEFORE, Moment
+from .replay import BEFORE, Episode, Moment, Relived
 from .scene import AMBER, BLUE, GREEN, RED, heat
 
 _HEADER, _PANEL = 44, 240
@@ -36,15 +35,16 @@ _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", 
 class Panel:
     """Draws the frame: a header above the scene and a panel of instruments to its right."""
 
-    def __init__(self, task: str, driver: str, when: str, speed: float, seconds: float) -> None:
-        """Draws the parts that are the same in all frames.
+    def __init__(self, episode: Episode | Relived, speed: float, seconds: float) -> None:
+        """Draws the parts of an episode's frames that are the same in all.
 
-        `driver` and `when` are a few words, `speed` is the simulated seconds per second of the
-        film, and `seconds` its simulated duration in [s].
+        `speed` is the simulated seconds per second of the film, and `seconds` its simulated
+        duration in [s].
         """
+        task, driver, when = episode.task, episode.driver, episode.when
         self._shapes = TASKS[task].rules.shapes
-        wanted = issubclass(TASKS[task].rules, SpotFindingRules)  # being in the spot; or contact
-        self._hot, self._event = (GREEN, "in the spot") if wanted else (RED, "in contact")
+        self._event = episode.event
+        self._hot = RED if self._event == "in contact" else GREEN
         self._seconds, self._seen, self._counted = seconds, 0.0, 0.0
         self._small, self._text, self._figures = _font(11), _font(13), _font(12, "", "Mono")
         self._large, self._digits = _font(22, "-Bold"), _font(30, "-Bold", "Mono")

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP, Robots, make_batch
 from ...tasks.lives import Phase, control_steps, place
+from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
 from ..agents.base import Agent
@@ -107,6 +108,13 @@ class Episode:
         return cls(task, f"PPO, policy {robot}", when, batch, act, steps, random)
 
     @property
+    def event(self) -> str:
+        """The measured event, in words."""
+        return (
+            "in the spot" if issubclass(TASKS[self.task].rules, SpotFindingRules) else "in contact"
+        )
+
+    @property
     def seconds(self) -> float:
         """Duration in simulated seconds."""
         return self.steps * CONTROL_TIMESTEP
@@ -179,9 +187,7 @@ class StoredRobot:
           InputError: see `agent`; or the robot has other dimensions than the one that is drawn.
         """
         act, experiment, task = self.act(), self.run.experiment, self.condition.task
-        for name in ("radius", "wheel_base"):
-            if (value := getattr(experiment.kinematics, name)) is not None:
-                raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
+        _check_drawn(experiment)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         start = _first_phase(experiment, task, self.phase)
         place(batch, start, random)
@@ -229,15 +235,21 @@ class Relived:
         """Simulates a life up to a minute of it.
 
         Raises:
-          InputError: there is no such robot, no such minute, or its agent is not trusted.
+          InputError: there is no such robot, no such minute, its agent is not trusted, the robot
+            has other dimensions than the one that is drawn, or it lived on another device.
         """
         StoredRobot(run, condition, robot, "post").row()
         experiment = run.experiment
-        cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
-        steps = round(minute * control_steps(1))
-        if not 0 <= steps < cohort.steps:
-            last = cohort.steps / control_steps(1)
+        _check_drawn(experiment)
+        if experiment.on_tensors:
+            raise InputError(
+                "a life that was simulated on a GPU or in MuJoCo Warp cannot be simulated again"
+            )
+        last = sum(experiment.life_of(condition.task).steps()) / control_steps(1)
+        if not 0 <= minute < last:
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
+        steps = round(minute * control_steps(1))
+        cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
         for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
             cohort.advance(min(control_steps(1), steps - cohort.step))
         return cls(cohort, robot)
@@ -251,6 +263,11 @@ class Relived:
     def driver(self) -> str:
         """Who drives, in a few words."""
         return _driver(self.cohort.key.condition, self.robot)
+
+    @property
+    def event(self) -> str:
+        """The measured event, in words."""
+        return self.cohort.experiment.life_of(self.cohort.key.condition.task).event
 
     @property
     def when(self) -> str:
@@ -273,12 +290,23 @@ class Relived:
         recorder, events, event = self.cohort.recorded(), 0, False
         first = self.cohort.step
         while not self.cohort.finished and self.cohort.valid[row]:
+            self.cohort.enter()
             moment = Moment.of(batch, row, self.cohort.step - first, event, events)
             recorder.motors.clear()
             self.cohort.advance(1)
-            yield dataclasses.replace(moment, motors=recorder.motors[0][row])
+            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row]))
             event = bool(batch.rules.event(batch.sensordata)[row])
             events += event
+        if self.cohort.valid[row]:
+            last = Moment.of(batch, row, self.cohort.step - first, event, events)
+            yield dataclasses.replace(last, motors=moment.motors)
+
+
+def _check_drawn(experiment: Experiment) -> None:
+    """Raises InputError where a run's robot has other dimensions than the one that is drawn."""
+    for name in ("radius", "wheel_base"):
+        if (value := getattr(experiment.kinematics, name)) is not None:
+            raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
 
 
 def _driver(condition: Condition, robot: int) -> str:

@@ -200,7 +200,8 @@ def _summary(run: Run) -> str:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %"
+    """Returns a share with two digits; whole per cent from 10 on."""
+    return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.2g} %"
 
 
 def _facts(run: Run) -> list[str]:

@@ -22,6 +22,7 @@ Colour = tuple[float, float, float]
 BLUE, GREY, AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
 RED, GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
 _REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and its triangles
+_IN_THE_SPOT = 0.1  # [m], more than the distance from a robot in the spot to its centre
 
 
 class Trail(NamedTuple):
@@ -91,7 +92,8 @@ class Scene:
             self._add(mujoco.mjtGeom.mjGEOM_SPHERE, [0.004] * 3, end, np.eye(3), colour, 1)
 
     def _smells(self, shot: Moment, frustum: float) -> None:
-        if shot.event:
+        # In some worlds the event is another one than being in the spot.
+        if shot.event and np.hypot(*(shot.spot - shot.pose[:2])) < _IN_THE_SPOT:
             self._ring(shot.spot, 0.062, 0.002, GREEN)
         for name in _NOSES.keys() & shot.signals.keys():
             for side, signal in enumerate(shot.signals[name]):

@@ -46,9 +46,10 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
+        options = dict(options or {})
         start = self._usual.start_with(options)
         self._episode = dataclasses.replace(self._usual, start=start)
-        self._options = dict(options)
+        self._options = options
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]

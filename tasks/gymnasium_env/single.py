@@ -83,9 +83,10 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
+        options = dict(options or {})
         start = self._usual.start_with(options)
         self._environment.task.episode = dataclasses.replace(self._usual, start=start)
-        self._options = dict(options)
+        self._options = options
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -176,18 +177,19 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         with self._environment.lifecycle.one_thread:
             self._environment.lifecycle.check_running()
-            counts = {"counts": list(self._counts), "seed": self.np_random_seed}
-            return self._environment.get_state() | counts
+            own = {"counts": list(self._counts), "seed": self.np_random_seed}
+            return self._environment.get_state() | own | {"options": dict(self.options)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
         environment = self._environment
         with environment.lifecycle.one_thread:
             rest = dict(state) if isinstance(state, Mapping) else {}
-            own = {name: rest.pop(name, None) for name in ("counts", "seed")}
-            check_state(own, {"counts": [0, 0], "seed": 0})
+            own = {name: rest.pop(name, None) for name in ("counts", "seed", "options")}
+            check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
             environment.check_state(rest, self.np_random)
             check_counts("counts", own["counts"], [rest["steps"]] * 2)
+            self.options = own["options"]
             environment.task.reseed(self.np_random)
             environment.set_state(rest)
             self._counts, self._np_random_seed = list(own["counts"]), own["seed"]

@@ -280,6 +280,7 @@ class ArenaVectorEnv(RobotAttributes):
             "steps": self._steps.copy(),
             "counts": self._counts.copy(),
             "over": self._over.copy(),
+            "options": dict(self.options),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -291,6 +292,7 @@ class ArenaVectorEnv(RobotAttributes):
         with self._lifecycle.one_thread:
             self._lifecycle.check_open()
             self._check_state(state)
+            self.options = state["options"]
             for random, one in zip(self.np_random, state["randoms"], strict=True):
                 set_stream_state(random, one)
             self._batch.set_state(state["batch"])
@@ -304,7 +306,7 @@ class ArenaVectorEnv(RobotAttributes):
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
         randoms: list[Any] = [None] * self.num_envs
-        check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
+        check_state(state, {**self._state(), "batch": {}, "randoms": randoms, "options": {}})
         batch = state["batch"]
         check_state(batch, self._batch.arrays())
         self._batch.dimensions.check_standing(batch["state"], *batch.values())

@@ -70,11 +70,17 @@ def test_the_interval_of_the_last_recovery_covers_both_groups_of_robots():
     covered = []
     for _ in range(40):
         old = Adaptation.of(curves(*random.integers(10, 30, 30)), BODY, UNIT)
-        newborns = [random.integers(20, 60, 30).astype(float) for _ in range(3)]
+        newborns = [old.recovery[:, 0], *random.integers(20, 60, (2, 30)).astype(float)]
         mean, (low, high) = old.last_recovery(newborns, 3)
         assert mean == pytest.approx(old.relative_recovery(newborns)[-3:].mean())
-        covered.append(low < 18.5 / 39.5 < high)
-    assert sum(covered) >= 34
+        covered.append(low < (1 + 2 * 18.5 / 39.5) / 3 < high)
+    assert 34 <= sum(covered)
+    # In the first world old robots are compared with themselves, of whom all are alike in time.
+    same = old.last_recovery([old.recovery[:, 0]] * 3, 3)[1]
+    alone = dataclasses.replace(old, worlds=np.zeros(12, dtype=int))
+    assert alone.last_recovery([old.recovery[:, 0]], 3)[1] == (1.0, 1.0) != same
+    few = dataclasses.replace(old, recovery=old.recovery[:2])
+    assert np.isnan(few.last_recovery([newborns[0][:2]] * 3, 3)[1]).all()
 
 
 def test_savings_compare_the_last_visits_of_worlds_with_the_first():

@@ -53,7 +53,16 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         ({"robots": 40, "body": "mujoco"}, "robots above 30 must be a multiple of 30, got 40"),
         ({"agent": ()}, "at least one learner"),
         ({"agent": ("dqm",)}, "did you mean dqn"),
-        ({"set": ("dqm.rate=0.1",), "agent": ("dqn",)}, "there is no learner 'dqm'; did you mean"),
+        (
+            {"set": ("dqm.rate=0.1",), "agent": ("dqn",)},
+            "there is no learner with settings 'dqm'; did you",
+        ),
+        (
+            {"set": ("dqn.rate=0.1",), "agent": ("paper",)},
+            "the learner with settings must be one of",
+        ),
+        ({"set": ("dqn.rate=0.1,0.2",), "agent": ("dqn",)}, "a setting must be NAME=VALUE"),
+        ({"set": ("dqn.rate=0.1", "dqn.rate=0.2"), "agent": ("dqn",)}, "rate is given twice"),
         ({"set": ("dqn.rat=0.1",), "agent": ("dqn",)}, "dqn has no setting rat"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
         ({"life": ("boddy",)}, "there is no changing life 'boddy'; did you mean body"),

@@ -10,7 +10,7 @@ from PIL import ImageDraw
 
 from musebot.protocols.pages import scene
 from musebot.protocols.pages.panel import HEIGHT, WIDTH, Panel
-from musebot.protocols.pages.replay import AFTER, BEFORE, Episode
+from musebot.protocols.pages.replay import Episode
 from musebot.tasks.suite import TASKS
 
 IMAGE = np.zeros((scene.HEIGHT, scene.WIDTH, 3), dtype=np.uint8)
@@ -37,8 +37,8 @@ def drawn(monkeypatch):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, newborn, drawn):
-    shot = next(Episode.of_policy(newborn(task), 0, "post", 0).moments())
-    panel = Panel(task, "nobody", AFTER, speed=1, seconds=1)
+    episode = Episode.of_policy(newborn(task), 0, "post", 0)
+    shot, panel = next(episode.moments()), Panel(episode, speed=1, seconds=1)
     before = panel.frame(IMAGE, shot)
     assert before.shape == (HEIGHT, WIDTH, 3)
     for name, values in shot.signals.items():
@@ -58,12 +58,13 @@ def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, ne
 
 def test_the_panel_writes_each_number_beside_its_name(newborn, drawn):
     distances = np.array([0.11, 0.22, 0.33, 0.44])
-    shot = next(Episode.of_policy(newborn("wall_avoidance"), 0, "post", 0).moments())
+    episode = Episode.of_policy(newborn("wall_avoidance"), 0, "pre", 0)
+    shot = next(episode.moments())
     shot = dataclasses.replace(
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),
         signals={**shot.signals, "distances": distances},
     )  # fmt: skip
-    Panel("wall_avoidance", "nobody", BEFORE, speed=1, seconds=100).frame(IMAGE, shot)
+    Panel(episode, speed=1, seconds=100).frame(IMAGE, shot)
     rows = {}
     for name, ((_, y), *_), rest in drawn:
         if name == "text":

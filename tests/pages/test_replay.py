@@ -85,15 +85,17 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
     relived = Relived.at(run, condition, 1, start / 600)
     assert relived.when == f"minute {start / 600:g}"
     moments = [*relived.moments()]
-    assert len(moments) == relived.cohort.steps - start
+    assert len(moments) == relived.cohort.steps - start + 1
+    assert moments[-1].time == pytest.approx((relived.cohort.steps - start) / 10)
+    corner = relived.batch.dimensions.half_length - moments[0].pose[0]
+    assert start or corner > 0.5  # the first moment is after the placement
     lived = run.results[condition].networks["after"]
     for name, weights in relived.cohort.agent.weights().items():
         np.testing.assert_array_equal(weights, lived[name])
-    last = relived.batch.rules.event(relived.batch.sensordata)[1]
-    counted = relived.cohort.lives().events[1].sum()
-    assert start or round(moments[-1].event_seconds * 10 + last) == counted
-    with pytest.raises(InputError, match="the life has minutes from 0 to"):
-        Relived.at(run, condition, 1, 1.0)
+    assert start or round(moments[-1].event_seconds * 10) == relived.cohort.lives().events[1].sum()
+    for minute in (1.0, float("nan"), float("inf"), -0.1):
+        with pytest.raises(InputError, match="the life has minutes from 0 to"):
+            Relived.at(run, condition, 1, minute)
 
 
 def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):

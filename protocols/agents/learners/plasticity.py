@@ -11,7 +11,8 @@ from ..settings import Number, Setting, tunable
 from .dqn import SETTINGS, DQNWithoutReplay
 from .networks import column
 
-_DECAY = Setting(1e-6, 1e-8, 1e-4, "share of each weight that a step takes", log=True, each=True)
+# Below 3e-7 a single-precision weight hardly changes.
+_DECAY = Setting(1e-6, 3e-7, 1e-3, "share of each weight that a step takes", log=True, each=True)
 
 
 class ShrinkAndPerturb(DQNWithoutReplay):
@@ -19,7 +20,9 @@ class ShrinkAndPerturb(DQNWithoutReplay):
 
     Shrink and perturb (Ash and Adams, "On warm-starting neural network training", NeurIPS 2020) in
     the online form of Dohare et al. ("Loss of plasticity in deep continual learning", Nature 632,
-    2024). Without the setting `noise` it is L2 regularisation towards zero.
+    2024). Without the setting `noise` it is decoupled weight decay (Loshchilov and Hutter,
+    "Decoupled weight decay regularization", ICLR 2019), which is L2 regularisation towards zero
+    where an optimiser does not scale gradients. The decay does not depend on the learn rate.
     """
 
     def update(self, reward: Tensor) -> None:
@@ -88,13 +91,14 @@ class CentredDQN(DQNWithoutReplay):
         self._mean = self.keep("mean", torch.zeros(robots))
 
     def update(self, reward: Tensor) -> None:
-        self._mean += self.setting["pace"] * (reward - self._mean)
-        super().update(reward - self._mean)
+        centred = reward - self._mean
+        self._mean += self.setting["pace"] * centred
+        super().update(centred)
 
 
 @tunable(**SETTINGS, decay=_DECAY)
 def dqn_l2(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn_no_replay` with L2 regularisation towards zero."""
+    """`dqn_no_replay` with decoupled weight decay (L2 towards zero)."""
     return ShrinkAndPerturb(robots, senses, seed, **settings)
 
 

@@ -43,8 +43,14 @@ def test_rewards_are_less_their_running_mean():
     assert not np.array_equal(weights(lived("dqn_centred", pace=0.1)), plain)
     mean = lived("dqn_centred", pace=0.1, rewards=7.0).state()["mean"]
     assert mean == pytest.approx(7 * (1 - 0.9 ** (STEPS - 1)), rel=1e-5)
-    nothing = weights(lived("dqn_no_replay", rewards=0.0))
-    assert weights(lived("dqn_centred", pace=1.0, rewards=7.0)) == pytest.approx(nothing)
+    # With pace 1 a constant reward is centred away after the first one.
+    agents = [
+        lived("dqn_centred", 2, pace=1.0, rewards=7.0),
+        lived("dqn_no_replay", 2, rewards=7.0),
+    ]
+    assert weights(agents[0]) == pytest.approx(weights(agents[1]))
+    assert agents[0].state()["replay"][:, 0, -1] == pytest.approx(7)
+    assert not lived("dqn_centred", 3, pace=1.0, rewards=7.0).state()["replay"][:, 0, -1].any()
 
 
 def test_continual_backprop_replaces_the_least_useful_mature_neurons_at_its_rate(monkeypatch):
