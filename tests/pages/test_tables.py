@@ -73,6 +73,8 @@ def test_few_robots_are_neither_tested_nor_compared_with_the_paper():
             assert (words in text) != few, words
         digits = max(len(n.replace(".", "").lstrip("0")) for n in re.findall(r"\b0\.\d+", text))
         assert (digits <= 2) == few
+        data = tables.as_json(run)
+        assert bool(data["claims"]) == bool(data["joint_tests"]) == (not few)
 
 
 def test_names_of_folders_are_no_markup():
