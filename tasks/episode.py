@@ -13,7 +13,7 @@ import functools
 import math
 import threading
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self
 
 import numpy as np
 
@@ -77,6 +77,10 @@ class Episode:
         start = dataclasses.replace(self.start, **options)
         start.check(self.dimensions)
         return start
+
+    def starting_with(self, options: Mapping[str, Any] | None) -> Self:
+        """Returns the episode with another start; raises what `start_with` raises."""
+        return dataclasses.replace(self, start=self.start_with(options))
 
     @functools.cached_property
     def _legs(self) -> Mapping[int, Leg]:

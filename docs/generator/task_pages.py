@@ -105,7 +105,8 @@ The measured event, whose share of the time is a robot's score: {_returned(rules
 
 ![A trained policy in {name}](../../images/{name}.gif)
 
-The policy that musebot brings, in the episode of seed 1, at four times the real speed.
+An untrained policy, and the one that musebot brings, in the episode of seed 1, at four times the
+real speed.
 
 Reproduce: `musebot film --task {name} --phase both --seed 1 --seconds 8 --output {name}.gif`
 

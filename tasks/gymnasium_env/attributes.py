@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -46,10 +45,8 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
-        options = dict(options or {})
-        start = self._usual.start_with(options)
-        self._episode = dataclasses.replace(self._usual, start=start)
-        self._options = options
+        self._episode = self._usual.starting_with(options)
+        self._options = dict(options or {})
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -83,10 +82,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
-        options = dict(options or {})
-        start = self._usual.start_with(options)
-        self._environment.task.episode = dataclasses.replace(self._usual, start=start)
-        self._options = options
+        self._environment.task.episode = self._usual.starting_with(options)
+        self._options = dict(options or {})
 
     @property
     def model(self) -> mujoco.MjModel:
