@@ -22,7 +22,7 @@ from ..storage import check_place, remove_drafts, resolved_file, write_atomicall
 from ..terminal import notice
 from .panel import Panel
 from .replay import Episode, Moment, Relived
-from .scene import Scene, Trail
+from .scene import JUMP, Scene, Trail
 
 _ROUNDING = 1e-6  # [s], of the times of frames and of control steps
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
@@ -106,6 +106,8 @@ def shots_at(
             now = len(past) - 1
         moment, after = past[now], past[min(now + 1, len(past) - 1)]
         way = after.pose - moment.pose
+        if np.hypot(*way[:2]) > JUMP:
+            way[:] = 0
         way[2] = (way[2] + np.pi) % (2 * np.pi) - np.pi  # the heading turns the shorter way
         span = (after.time - moment.time) or 1.0
         pose = moment.pose + (time - moment.time) / span * way

@@ -20,6 +20,7 @@ from ...tasks.lives import Phase, control_steps, place
 from ...tasks.spot_finding import SpotFindingRules
 from ...tasks.starts import Start, random_spots
 from ...tasks.suite import TASKS
+from ...tasks.world import WorldRules
 from ..agents.base import Agent
 from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
@@ -61,6 +62,7 @@ class Moment:
     contact: bool
     event: bool  # whether the task's event happens: contact, or being in the spot; False at first
     event_seconds: float  # with the event, since the start of the episode, in [s]
+    nose: float = 0.0  # angle by which the world turns the nose, in [rad], counterclockwise
 
     @classmethod
     def of(cls, batch: Robots, row: int, step: int, event: bool, events: int) -> Moment:
@@ -75,6 +77,7 @@ class Moment:
             bool((sensed[batch.rules.layout.touch] > 0).any()),
             event,
             events * CONTROL_TIMESTEP,
+            math.radians(batch.rules.world.nose) if isinstance(batch.rules, WorldRules) else 0.0,
         )
 
 

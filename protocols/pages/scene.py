@@ -22,6 +22,7 @@ Colour = tuple[float, float, float]
 BLUE, GREY, AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
 RED, GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
 _REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and its triangles
+JUMP = 0.1  # [m], more than a robot drives in a control step: it was placed elsewhere
 _IN_THE_SPOT = 0.1  # [m], more than the distance from a robot in the spot to its centre
 
 
@@ -71,7 +72,8 @@ class Scene:
     def _trail(self, trail: Trail) -> None:
         event = _MOSS if isinstance(self._rules, SpotFindingRules) else RED
         points = np.column_stack([trail.points, np.full(len(trail.points), 0.0015)])
-        for k in range(len(points) - 1):
+        jumps = np.hypot(*np.diff(trail.points, axis=0).T) > JUMP
+        for k in np.flatnonzero(~jumps):
             colour = event if trail.events[k + 1] else BLUE
             self._line(points[k], points[k + 1], 4, colour, 0.85 * (1 - trail.ages[k]))
 
@@ -98,20 +100,23 @@ class Scene:
         for name in _NOSES.keys() & shot.signals.keys():
             for side, signal in enumerate(shot.signals[name]):
                 height = 0.002 + 0.0001 * side  # two of them must not share a plane
-                self._smell(_NOSES[name][side], float(signal), frustum, height)
+                nose = self._data.site(_NOSES[name][side])
+                ahead = np.arctan2(nose.xmat[3], nose.xmat[0]) + shot.nose
+                cosine, sine = np.cos(shot.nose), np.sin(shot.nose)
+                turn = np.array([[cosine, -sine], [sine, cosine]])
+                place = shot.pose[:2] + turn @ (nose.xpos[:2] - shot.pose[:2])
+                self._smell(np.array([*place, height]), ahead, float(signal), frustum)
 
-    def _smell(self, site: str, signal: float, frustum: float, height: float) -> None:
-        nose = self._data.site(site)
-        ahead = np.arctan2(nose.xmat[3], nose.xmat[0])
+    def _smell(self, nose: np.ndarray, ahead: float, signal: float, frustum: float) -> None:
         angles = ahead + np.linspace(-frustum / 2, frustum / 2, _SLICES + 1)
         rays = np.column_stack([np.cos(angles), np.sin(angles)])
         half = np.array([self._model.geom("east").pos[0], self._model.geom("north").pos[1]])
         with np.errstate(divide="ignore"):
-            to_wall = ((np.copysign(half, rays) - nose.xpos[:2]) / rays).min(axis=1)
+            to_wall = ((np.copysign(half, rays) - nose[:2]) / rays).min(axis=1)
         # Overlapping sectors make the colour denser near the nose.
         for layer, share in enumerate((1.0, 0.75, 0.5, 0.25)):
             corners = np.clip(to_wall, 0, share * _REACH)[:, None] * rays
-            base = np.array([*nose.xpos[:2], height + 0.0002 * layer])
+            base = nose + [0, 0, 0.0002 * layer]
             for first, second in zip(corners[:-1], corners[1:], strict=True):
                 # MuJoCo's triangle (0, 0), (1, 0), (0, 1), whose axes are the sector's edges.
                 frame = np.eye(3)

@@ -167,7 +167,7 @@ def test_a_shot_shows_one_instant_the_control_step_before_and_the_pose_between()
     turns = 0.0, 0.3, 3.0, -3.0, 0.0
     moments = [
         Moment(
-            0.1 * k, np.array([0.1 * k, 0.2 * k, turns[k]]), np.array([k, -k]), {"nose": k},
+            0.1 * k, np.array([k / 100, k / 50, turns[k]]), np.array([k, -k]), {"nose": k},
             np.array([k, -k]), contact=k == 1, event=k == 2, event_seconds=float(k),
         )
         for k in range(5)
@@ -175,17 +175,28 @@ def test_a_shot_shows_one_instant_the_control_step_before_and_the_pose_between()
     (first, _), (second, trail), (last, _) = film.shots_at([0.05, 0.25, 0.4], iter(moments), 1)
     for shot, time, step in ((first, 0.05, 0), (second, 0.25, 2), (last, 0.4, 4)):
         assert (shot.time, shot.event, shot.contact) == (time, step == 2, step == 1)
-    np.testing.assert_allclose(first.pose, [0.05, 0.1, 0.15])
-    np.testing.assert_allclose(second.pose[:2], [0.25, 0.5])
+    np.testing.assert_allclose(first.pose, [0.005, 0.01, 0.15])
+    np.testing.assert_allclose(second.pose[:2], [0.025, 0.05])
     assert np.cos(second.pose[2]) == pytest.approx(-1)  # it turned the shorter way
     np.testing.assert_allclose(last.pose, moments[4].pose)
     assert last.motors is moments[4].motors  # the episode is over
     for name in ("motors", "signals", "spot", "event_seconds"):
         assert getattr(second, name) is getattr(moments[2], name)
-    points = [[0, 0], [0.1, 0.2], [0.2, 0.4], [0.25, 0.5]]
+    points = [[0, 0], [0.01, 0.02], [0.02, 0.04], [0.025, 0.05]]
     np.testing.assert_allclose(trail.points, points, atol=1e-12)
     assert trail.events.tolist() == [False, False, True, False]
     np.testing.assert_allclose(trail.ages, np.array([0.25, 0.15, 0.05, 0]) / 8)
+
+
+def test_a_robot_that_is_placed_elsewhere_does_not_drive_there():
+    places = [np.array([x, 0.0, 1.0]) for x in (0.0, 0.01, 0.4)]
+    spot, signals = np.zeros(2), {"nose": np.zeros(1)}
+    moments = [
+        Moment(0.1 * k, place, spot, signals, np.zeros(2), False, False, 0.0)
+        for k, place in enumerate(places)
+    ]
+    shots = [shot.pose for shot, _ in film.shots_at([0.05, 0.15, 0.2], iter(moments), 1)]
+    np.testing.assert_allclose(shots, [[0.005, 0, 1], places[1], places[2]])
 
 
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(

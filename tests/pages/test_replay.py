@@ -21,6 +21,7 @@ from musebot.protocols.pages.replay import (
     AFTER,
     BEFORE,
     Episode,
+    Moment,
     Relived,
     StoredRobot,
     robots_named,
@@ -28,6 +29,7 @@ from musebot.protocols.pages.replay import (
 from musebot.tasks import make_batch
 from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.suite import TASKS
+from musebot.tasks.world import World
 
 # ---- Policies ----
 
@@ -74,6 +76,13 @@ def test_the_time_with_the_event_adds_up():
     assert events == [moment.contact for moment in moments] and sum(events) > 1
     seconds = [moment.event_seconds for moment in moments]
     np.testing.assert_allclose(seconds, 0.1 * np.cumsum(events))
+
+
+def test_a_moment_holds_the_angle_of_the_nose_in_its_world():
+    batch = make_batch("spot_finding", 1)
+    assert Moment.of(batch, 0, 0, event=False, events=0).nose == 0
+    batch.rules = World(nose=90.0).rules(batch.rules, batch.dimensions.nose)
+    assert Moment.of(batch, 0, 0, event=False, events=0).nose == pytest.approx(np.pi / 2)
 
 
 # ---- Robots of a run ----

@@ -80,3 +80,19 @@ def test_a_nose_at_the_centre_is_drawn_where_it_is(egl: None):
         model = drawn._model
         drawn.close()
         assert [*half_size(model), model.site("nose").pos[0]] == pytest.approx(expected)
+
+
+def test_the_sector_of_a_turned_nose_and_no_line_to_another_place_are_drawn(egl: None):
+    canvas = scene.Scene("spot_finding")
+    still = Trail(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
+    placed = Trail(np.array([[0.3, 0.2], [-0.3, 0.2]]), np.zeros(2), np.zeros(2))
+    shot = Moment(
+        0.0, np.array([0.0, -0.2, 0.0]), np.array([0.4, 0.3]), {"nose": np.array([0.9])},
+        np.zeros(2), contact=False, event=False, event_seconds=0.0,
+    )  # fmt: skip
+    ahead = canvas.draw(shot, still).astype(int)
+    left = canvas.draw(dataclasses.replace(shot, nose=np.pi / 2), still).astype(int)
+    trail = canvas.draw(shot, placed).astype(int)
+    canvas.close()
+    assert differ(ahead, left, 0.15, -0.2) and differ(ahead, left, 0.0, -0.05)
+    assert not differ(ahead, trail, 0.0, 0.2)
