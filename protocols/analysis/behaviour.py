@@ -35,10 +35,10 @@ class Stay:
       staying: Whether each robot spent at least a tenth of the time at the spot, shape (n,).
       following: Share of time in which each robot followed the contour, in the first and in the
         last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      spinning: The same for spinning inside the spot, shape (n, 2).
-      minutes: One row per minute with three numbers, shape (M, 3): the minute's index, the share of
-        following, the share of spinning. Both are shares of the time that the staying robots spent
-        at the spot in this minute; NaN if no robot was there.
+      spinning: Share of time in which each robot spun inside the spot, in the same two periods,
+        shape (n, 2).
+      minutes: Index of each minute, then the shares of following and of spinning in the time that
+        the staying robots spent at the spot, shape (M, 3); NaN if no robot was there.
     """
 
     staying: np.ndarray

@@ -18,7 +18,7 @@ def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray
     Args:
       pre: Time in contact, or in the spot, before training, in any unit, shape (n,).
       post: Time in contact, or in the spot, after training, in the same unit, shape (n,).
-      wanted: False for wall contact, True for time in the spot.
+      wanted: Whether the event is wanted: False for contact, True for being in the spot.
 
     Returns:
       L in [-1, 1], shape (n,); NaN where both times are zero (genius or ignorant).
@@ -57,7 +57,7 @@ class Summary:
     """A column of table 1 or 2.
 
     Attributes:
-      counts: Number of robots in each of `CATEGORIES`.
+      counts: Number of robots in each class, in the order of `CATEGORIES`.
       mean: Mean L of the robots that have a Learn Ability; NaN if none has.
       deviation: Standard deviation of L over the robots that have a Learn Ability.
       post_share: Mean share of the test after training in contact, or in the spot, over all valid
