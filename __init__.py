@@ -56,8 +56,9 @@ def load(
 
     Args:
       domain_name: Name of the domain, such as "arena": the first half of an entry of `ALL_TASKS`.
-      task_name: Name of the task, such as "wall_avoidance": the second half of the entry.
-      task_kwargs: Keywords of the task, see docs/tasks.md.
+      task_name: Name of the task, such as "wall_avoidance": the second half of an entry of
+        `ALL_TASKS`.
+      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see docs/tasks.md.
       environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
         [s].
       visualize_reward: Whether the robot's colour shows its reward.

@@ -13,7 +13,7 @@ class CreativeMemory:
     """Networks that map a state to two logistic outputs, the motor values (section 3).
 
     Attributes:
-      networks: Networks of all B robots.
+      networks: One network for each of B robots.
       optimizer: `Adam` if the parameters have "adam" and the memory target "best", else `SGD`.
       patterns: Source of the noise patterns, one for each idea.
     """

@@ -15,7 +15,7 @@ class EvaluationNetwork:
     """Networks that map a state and two motor values to one value (section 3).
 
     Attributes:
-      networks: Networks of all B robots.
+      networks: One network for each of B robots.
       optimizer: Optimizer of the networks, `SGD` or `Adam`.
     """
 

@@ -187,7 +187,7 @@ class Neurocontroller:
         A recurrent context and an exploratory action that has begun go on.
 
         Args:
-          robots: Indices of the robots that are placed; None for all.
+          robots: Indices of the robots that are placed elsewhere; None for all.
         """
         self._current.forget(robots)
 

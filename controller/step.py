@@ -69,7 +69,7 @@ class Step:
         """Marks that the next step does not continue this one.
 
         Args:
-          robots: Indices of the robots that are placed; None for all.
+          robots: Indices of the robots that are placed elsewhere; None for all.
         """
         self.chained[slice(None) if robots is None else robots] = 0
 

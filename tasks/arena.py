@@ -277,7 +277,7 @@ class Settings(TypedDict, total=False):
     Attributes:
       robot: Pose x, y in [m] and heading in [rad], or a corner; None (default) for random poses.
       spot: Centre x, y in [m], or a corner; None (default) for random places.
-      nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); only with a nose.
+      nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); robots with a nose only.
       time_limit: Length of an episode in [s]; None (default) for the task's own.
       random: Random stream, or its seed; None (default) for a seed of the operating system.
       environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in

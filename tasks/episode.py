@@ -41,7 +41,7 @@ class Episode:
     Attributes:
       task: Name of the task; states of another task are refused.
       start: Places of robot and spot at the start, fixed or random.
-      dimensions: Dimensions of robot, arena and spot.
+      dimensions: Dimensions of robot, arena and spot, which decide the possible places.
       limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
       spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
         spot that stays.

@@ -21,7 +21,7 @@ class SpotFindingRules(Rules):
     """Rules of section 3.2: one nose, whose signal is the reward.
 
     Attributes:
-      nose: Nose with the radius of the arena's spot.
+      nose: Parameters of Eq. 3; the radius is that of the arena's spot.
     """
 
     nose: Nose = Nose()

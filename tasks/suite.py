@@ -94,7 +94,7 @@ def load(
     Args:
       domain_name: "arena", or "life" for lives that are one episode.
       task_name: Name of a task, see `ALL_TASKS`, or of a life, see `lives.LIVES`.
-      task_kwargs: Keywords of the task, see `arena.Settings`.
+      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see `arena.Settings`.
       environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
         [s].
       visualize_reward: Whether the robot's colour shows its reward.

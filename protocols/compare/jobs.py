@@ -62,7 +62,7 @@ class ArrayJob:
       path: File to which the arrays are written.
       work: Function that takes a `Progress` and returns the arrays; it is sent to other processes.
       cost: Amount of work: simulated seconds, added up over the robots.
-      shapes: The dtype, as safetensors names it, and the shape of each array.
+      shapes: Dtype, as safetensors names it, and shape of each array, by the array's name.
       identity: Notes in the file, as plain data, by which the job recognises it.
     """
 

@@ -107,8 +107,8 @@ class Cohort:
       key: Condition and number of the cohort.
       batch: The B robots in their arenas, on the experiment's device.
       agent: Agent that drives all B robots.
-      decide: Function `device.decide` of these robots, with the argument `learning`; on a GPU
-        captured.
+      decide: Function `device.decide` of these robots, with the argument `learning`; on a GPU a
+        captured graph.
       step: Number of control steps simulated so far.
       steps: Number of control steps of the whole life.
     """

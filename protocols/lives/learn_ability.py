@@ -45,8 +45,8 @@ def classes(abilities: Sequence[float] | np.ndarray, exact: bool = False) -> lis
 
     Args:
       abilities: L of each robot, shape (n,); NaN for a genius or an ignorant.
-      exact: Whether exact values are classed; otherwise L is first rounded to two decimals, so
-        that a robot whose times differ by less than 1 % has L = 0.
+      exact: Whether robots are classed by their exact L; otherwise L is first rounded to two
+        decimals, so that times that differ by less than 1 % give L = 0.
     """
     values = np.asarray(abilities, dtype=float)
     return [category(ability) for ability in (values if exact else np.round(values, DECIMALS))]
@@ -60,8 +60,8 @@ class Summary:
       counts: Number of robots in each class, in the order of `CATEGORIES`.
       mean: Mean L of the robots that have a Learn Ability; NaN if none has.
       deviation: Standard deviation of L over the robots that have a Learn Ability.
-      post_share: Mean share of the test after training in contact, or in the spot, over all valid
-        robots.
+      post_share: Mean share of time in contact, or in the spot, in the test after training, over
+        all valid robots.
       invalid: Number of robots whose simulation became unstable; they count nowhere else.
     """
 

@@ -195,8 +195,8 @@ def check_agent_memory(plan: Plan, condition: Condition, state: float, weights: 
     Args:
       plan: Plan of the run, which has the cohort size and the number of robots.
       condition: Condition whose robots the agent drives.
-      state: Bytes of a robot's state, which is copied while it is written.
-      weights: Bytes of a robot's weights, which are kept before and after training.
+      state: Bytes of one robot in `Agent.state`, of which copies exist while it is written.
+      weights: Bytes of one robot in `Agent.weights`, kept before and after training.
     """
     robots, size = plan.robots[condition], plan.experiment.cohort_size
     _check_fits(f"a cohort of {condition}", _COPIES * size * state)

@@ -250,7 +250,7 @@ class Run:
     Attributes:
       name: Name of the run's folder.
       experiment: Seed, cohort size, body, brain and other fields that decided the lives.
-      results: Results of each condition that has robots.
+      results: Results by condition, in the order of the tables.
       exact_classes: Whether the tables class robots by their exact L. If False, L is first rounded
         to two decimals.
     """
