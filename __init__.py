@@ -55,10 +55,12 @@ def load(
     """Returns an environment, with the signature of `dm_control.suite.load`.
 
     Args:
-      domain_name: Name of the domain, the first half of an entry of `ALL_TASKS`.
-      task_name: Name of the task, the second half of that entry.
-      task_kwargs: Keywords of the task, see docs/tasks.md.
-      environment_kwargs: `flat_observation`, for one array of all signals, and `time_limit`.
+      domain_name: Name of the domain, such as "arena": the first half of an entry of `ALL_TASKS`.
+      task_name: Name of the task, such as "wall_avoidance": the second half of an entry of
+        `ALL_TASKS`.
+      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see docs/tasks.md.
+      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
+        [s].
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:
@@ -74,7 +76,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     """Simulates all robots that a folder does not hold yet, as the command `musebot run` does.
 
     Args:
-      out: Folder of the run; an unfinished run continues.
+      out: Folder of the run: a new one, or that of a run to continue.
       quiet: Whether to show no progress.
       **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
         see `protocols.cli.run.run`.
@@ -95,8 +97,8 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
     """Reads the finished robots of a run; simulates nothing, and changes nothing on disk.
 
     Args:
-      out: Folder of the run.
-      networks: Whether the robots' networks are read, too; some kept runs have none.
+      out: Folder of a run with at least one finished robot.
+      networks: Whether to read the robots' networks; must be False for a run kept without them.
 
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
@@ -114,7 +116,7 @@ def _protocol(module: str) -> Any:
 
 @contextlib.contextmanager
 def _brain_needed() -> Iterator[None]:
-    """Says of a package that is missing which extra installs it."""
+    """Adds to the error of a missing package which extra installs it."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -124,11 +126,11 @@ def _brain_needed() -> Iterator[None]:
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
-    """Registers a task of one's own in every interface, see `tasks.own_tasks.register_task`.
+    """Registers a task of your own in every interface, see `tasks.own_tasks.register_task`.
 
     Args:
       name: Name of the task, such as "my_task".
-      rules: Observations, reward and event of the task.
+      rules: Class with the task's observations, reward and measured event.
       **settings: Further fields of `tasks.arena.TaskDefinition`.
 
     Returns:

@@ -1,9 +1,8 @@
 """The paper's brain in the kinematic simulator, compiled by Numba, robot by robot.
 
-The one file that defines equations a second time, for speed. `tests/test_compiled_equations.py`
-holds it to the first definitions, in `controller`, `models.kinematic` and `tasks.sensors`, which
-have the reasons. It imports no module of ours: Numba keeps compiled code while this file is the
-same.
+This file repeats equations of `controller`, `models.kinematic` and `tasks.sensors`, for speed.
+`tests/test_compiled_equations.py` compares the results of both. The file imports no other module of
+the package, because Numba reuses compiled code until this file changes.
 """
 
 from __future__ import annotations
@@ -136,7 +135,7 @@ def ascend(net, inputs, hidden, steps):
 
 @_brain
 def scratch(inputs, neurons, count):
-    """Returns space to select among A actions, and space to learn."""
+    """Returns scratch arrays: for selecting among A actions, and for learning."""
     evaluation, memory = neurons
     acting = np.empty((2, count), F), np.empty((memory, count), F), np.empty(count, F)
     patterns = np.zeros((count, memory * (inputs + 2)), F), np.arange(count)
@@ -171,7 +170,7 @@ def act(nets, space, state, draws, robot, now):
 
 @_brain
 def learn(nets, space, reward, robot, before, now):
-    """Learns a robot's step `before` (Eq. 1), and its memory the selected action (section 3).
+    """Trains a robot's networks: the values by step `before` (Eq. 1), the memory (section 3).
 
     Returns the TD error.
     """
@@ -277,7 +276,7 @@ def measure(size, pose, spot, touch, sensors):
 def sense(task, sensors, state):
     """Writes a robot's state, shape (S,); returns its reward, and whether the event holds.
 
-    The signals of the rules of spot finding, of wall avoidance, and of both.
+    `task` says whether the robot senses the spot, the walls, or both.
     """
     smells, sees, odour, frustum, spot, printed = task
     touched = sensors[TOUCH] > 0
@@ -307,12 +306,13 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Numbers of the robot and its arena, of `Kinematics`, and of the task.
-      robots: Arrays of a `KinematicBatch`: poses, wheels, touch, spots, sensor data, validity.
+      world: Tuples of numbers: of robot and arena, of `Kinematics`, and of the task.
+      robots: Arrays of a `KinematicBatch`, changed in place: poses, wheels, touch, spots, sensor
+        data, validity.
       brain: `nets` and `neurons` of a `CompiledNeurocontroller`, and its present step, `now`.
-      draws: What it drew for K steps, see `CompiledNeurocontroller.draw`.
-      learning: Whether robots learn.
-      counts: Number of events of each robot, shape (B,), which is added to.
+      draws: Random numbers of K steps, which `CompiledNeurocontroller.draw` returned.
+      learning: Whether the brains learn in each step.
+      counts: Number of steps with the event so far, shape (B,); increased in place.
     """
     size, how, task = world
     poses, wheels, touch, spots, sensordata, valid = robots

@@ -36,7 +36,7 @@ class Flag:
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
-    """Some strings."""
+    """The strings in `options`."""
 
     options: tuple[str, ...]
 
@@ -96,7 +96,7 @@ class Number:
 
 @dataclasses.dataclass(frozen=True)
 class Several:
-    """Tuples of 1 to `most` values."""
+    """Tuples of 1 to `most` values, which `each` contains."""
 
     each: Container[Any]
     most: int
@@ -114,10 +114,10 @@ def field(default: Any, allowed: Container[Any], unit: str = "", reason: str = "
     """Returns a dataclass field that allows certain values; see `whole`, `number` and so on.
 
     Args:
-      default: Default of the field; None makes the field optional.
-      allowed: Container[Any] values.
+      default: Default value; None also allows None as a value.
+      allowed: Container of the allowed values, such as `Number(0, 1)`; `str` describes them.
       unit: Unit of the value, such as "m/s"; "" for none.
-      reason: Reason for the range, for the reference page; "" if it is plain.
+      reason: Reason for the range, kept in the field's metadata; "" if it is plain.
     """
     notes = {"allowed": allowed, "optional": default is None, "unit": unit, "reason": reason}
     return dataclasses.field(default=default, metadata=notes)
@@ -147,10 +147,10 @@ def number(default: float | None, low: float, high: float, ends: str = "[]", **n
     """Returns a dataclass field of a number from `low` to `high`.
 
     Args:
-      default: Default of the field; None makes the field optional.
-      low: Lower end of the range.
-      high: Upper end of the range.
-      ends: Brackets of the range; "(" and ")" exclude an end.
+      default: Default value; None also allows None as a value.
+      low: Lower end of the range, itself allowed unless `ends` excludes it.
+      high: Upper end of the range, itself allowed unless `ends` excludes it.
+      ends: Brackets of the range, such as "(]"; a round bracket excludes its end.
       **notes: Unit and reason, as for `field`.
     """
     return field(default, Number(low, high, ends), **notes)
@@ -227,6 +227,6 @@ class _Short(reprlib.Repr):
 
 
 def shown(value: Any) -> str:
-    """Returns a value as an error shows it: at most 60 characters; a huge value is cut first."""
+    """Returns a value as text for an error, shortened to 60 characters."""
     brief = _Short().repr(value)
     return brief if len(brief) <= 60 else f"{brief[:57]}..."

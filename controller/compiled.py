@@ -20,14 +20,14 @@ from .neurocontroller import Neurocontroller
 
 
 class CompiledNeurocontroller(Neurocontroller):
-    """The `Neurocontroller` of the same parameters, draws and state, on the host, compiled.
+    """A `Neurocontroller` on the CPU, compiled by Numba, with the same draws and state.
 
     Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
 
     Attributes:
-      nets: Weights of the evaluation networks and of the memories, the pool of noise patterns with
-        the robots' fixed connections, the discount factor, and the learn rate.
-      neurons: Numbers of hidden neurons of the two networks.
+      nets: Weights of the evaluation networks and of the memories, (pool, fixed connections) of the
+        noise patterns, discount factor and learn rate.
+      neurons: Number of hidden neurons of the evaluation network, then of the memory.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -52,11 +52,11 @@ class CompiledNeurocontroller(Neurocontroller):
 
     @property
     def now(self) -> tuple[np.ndarray, ...]:
-        """Inputs, actions, values and chains of the present step, views of the brain's tensors."""
+        """State, action, value and `chained` of the present step: views of the brain's tensors."""
         return self._steps[not self._swapped]
 
     def begin_steps(self, steps: int, learning: bool) -> int:
-        """Begins so many steps, or fewer if the noise patterns are drawn anew before.
+        """Begins up to `steps` steps: fewer if the noise patterns must be redrawn before the end.
 
         Unlike `begin`, it leaves the present step in its place. Returns the number of steps.
         """
@@ -69,9 +69,9 @@ class CompiledNeurocontroller(Neurocontroller):
         """Draws the random numbers of K steps, as `Neurocontroller.select` draws them.
 
         Returns:
-          Rows of the ideas' patterns in the pool, shape (K, B, A); the actions of another proposer,
-          shape (K, B, A, 2), or (K, 1, A, 2) for fixed ones; and the indices of exploratory
-          actions, -1 for none, shape (K, B).
+          Row of each idea's pattern in the pool, shape (K, B, A), empty without ideas; actions of a
+          random or fixed proposer, shape (K, B, A, 2) or (K, 1, A, 2), else empty; index of each
+          exploratory action, -1 for none, shape (K, B).
         """
         robots, count, host = len(self.nets[0]), self._parameters.ideas, torch.device("cpu")
         if self._fixed is not None:

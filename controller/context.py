@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 class EchoContext:
-    """C units per robot that remember what it sensed, with fixed random connections.
+    """C units per robot that remember what the robot sensed, by fixed random connections.
 
     In each control step, after the action was selected, the units follow
 
@@ -25,7 +25,7 @@ class EchoContext:
     and Siewert, Neural Networks 20 (2007). The rates and the scale of U are ours.
 
     Attributes:
-      values: Values x of the units, shape (B, C); 0 at birth.
+      values: Values x of the units, shape (B, C); 0 before the first step.
     """
 
     RADIUS = 0.9
@@ -54,7 +54,7 @@ class EchoContext:
         return torch.cat([inputs, self.values], dim=1)
 
     def advance(self, inputs: Tensor) -> None:
-        """Takes in a step.
+        """Updates the units at the end of a step.
 
         Args:
           inputs: Network inputs of the step without the context, shape (B, I).

@@ -13,9 +13,9 @@ class CreativeMemory:
     """Networks that map a state to two logistic outputs, the motor values (section 3).
 
     Attributes:
-      networks: The networks, one for each of B robots.
-      optimizer: Optimizer of the networks.
-      patterns: Draws the noise patterns; each idea gets one pattern.
+      networks: One network for each of B robots.
+      optimizer: `Adam` if the parameters have "adam" and the memory target "best", else `SGD`.
+      patterns: Source of the noise patterns, one for each idea.
     """
 
     def __init__(
@@ -24,9 +24,9 @@ class CreativeMemory:
         """Draws the initial networks.
 
         Args:
-          parameters: Parameters of the brain.
+          parameters: Parameters, of which those of the memory and of its noise are read.
           robots: Number B of robots.
-          inputs: Number I of network inputs.
+          inputs: Number I of network inputs for the state.
           generator: Random stream of the initial weights and of the noise.
         """
         self._parameters = parameters
@@ -95,7 +95,7 @@ class CreativeMemory:
           action: Motor values to learn, shape (B, 2).
           factors: Factor of each robot's learn rate, shape (B,); negative to unlearn the action, 0
             for a robot that does not learn. With Adam only 1 or 0.
-          rate: Learn rate.
+          rate: Learn rate, which the factors multiply.
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()
@@ -116,7 +116,8 @@ class NoisePatterns:
     With fixed connections each robot's are drawn once, and a pattern of the pool holds signs only.
 
     Attributes:
-      fixed: Each robot's noisy connections, int64, shape (B, n); (0, n) if ideas draw their own.
+      fixed: Indices of each robot's noisy connections, int64, shape (B, n); (0, n) if each idea has
+        others.
     """
 
     POOL = 16384
@@ -152,7 +153,7 @@ class NoisePatterns:
         """Redraws the pool if it is old; to be called before each step that draws.
 
         Returns:
-          The number of steps, of those to come, for which the pool lasts.
+          The number of the next `steps` for which the pool lasts, at least 1.
         """
         if self._age >= self.LIFETIME:
             self._refill()
@@ -199,9 +200,9 @@ class HeldNoisePatterns:
         """Prepares patterns to hold; the first `renew` draws them.
 
         Args:
-          patterns: Patterns that are drawn, each of them to be held.
-          count: Number of patterns in a step.
-          steps: Number of steps for which they are held; 0 for life.
+          patterns: Source of the patterns that are held.
+          count: Number of patterns that are held: one for each idea of each robot.
+          steps: Number of steps for which a pattern is held; 0 for life.
         """
         self.noisy = patterns.noisy
         self._patterns = patterns

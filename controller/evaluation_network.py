@@ -15,7 +15,7 @@ class EvaluationNetwork:
     """Networks that map a state and two motor values to one value (section 3).
 
     Attributes:
-      networks: The networks, one for each of B robots.
+      networks: One network for each of B robots.
       optimizer: Optimizer of the networks, `SGD` or `Adam`.
     """
 
@@ -25,7 +25,7 @@ class EvaluationNetwork:
         """Draws the initial networks.
 
         Args:
-          parameters: Parameters of the brain.
+          parameters: Parameters, of which those of the evaluation network are read.
           robots: Number B of robots.
           inputs: Number I of network inputs for the state.
           generator: Random stream of the initial weights.
@@ -84,11 +84,11 @@ def td_target(
     parameters changes one term of it.
 
     Args:
-      p: Parameters of the brain.
-      maximal: Raw reward at maximal smell, where `raw_reward` replaces the reward; else None.
+      p: Parameters of the brain, five of which change the target.
+      maximal: Raw reward at maximal smell if `raw_reward` replaces the reward; None otherwise.
       reward: Reward sensed at time t + 1, shape (B,).
-      before: Step at time t.
-      now: Step at time t + 1, which remembers the reward if the next target needs it.
+      before: Step at time t, whose action led to the reward.
+      now: Step at time t + 1; the reward is recorded in it if the next target needs it.
 
     Returns:
       The targets, and 1 for each robot that has one, else 0, both of shape (B,).

@@ -20,7 +20,7 @@ class EpsilonGreedy:
 
         Args:
           ideas: Motor values of the proposed actions, shape (B, A, 2).
-          epsilon: Probability that a greedy robot starts to explore.
+          epsilon: Probability that a greedy robot starts to explore in this step.
 
         Returns:
           The actions, to which an exploratory one may be appended, shape (B, A or A + 1, 2); and
@@ -86,9 +86,9 @@ class Schedule:
     """Epsilon or the learn rate: constant, or, beyond the paper, with an exponential decay.
 
     Attributes:
-      decays: Whether the value changes.
-      value: Value in the present step, a number; on another device than the host, a value that
-        changes is a tensor of shape () that keeps its place, so that a captured step finds it.
+      decays: Whether the value changes during training.
+      value: Value in the present step, a number. On a GPU, a value that decays is a tensor of shape
+        (), changed in place, so that a captured step reads it.
     """
 
     value: float | Tensor

@@ -20,9 +20,9 @@ class Activation:
     """An activation function of hidden neurons.
 
     Attributes:
-      apply: Function that turns sums into activations, in place.
-      back: Function that takes the error at the activations, and the activations; it returns the
-        error at the sums.
+      apply: Function that replaces the neurons' sums by their activations, in place.
+      back: Function of the errors at the activations and of the activations; it returns the errors
+        at the sums.
     """
 
     apply: Callable[[Tensor], Tensor]
@@ -42,7 +42,8 @@ class Networks:
     function in the creative memory.
 
     Attributes:
-      weights: All P weights and biases of each robot, shape (B, P); the next four are parts of it.
+      weights: All P weights and biases of each robot, shape (B, P); the next four attributes are
+        views of it.
       hidden_weights: Weights from inputs to hidden neurons, shape (B, H, I).
       hidden_biases: Biases of the hidden neurons, shape (B, H).
       output_weights: Weights from hidden to output neurons, shape (B, O, H).
@@ -196,7 +197,7 @@ def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> N
 
     Args:
       targets: Tensors to overwrite, by name.
-      tensors: Tensors to copy, by name.
+      tensors: Tensors to copy, by name; others than the targets' are ignored.
 
     Raises:
       ValueError: A tensor is missing or has the wrong shape.

@@ -36,8 +36,8 @@ class Neurocontroller:
       evaluation: Evaluation network, which computes the values of actions.
       memory: Creative memory, which proposes actions; None if no proposed action comes from one.
       generator: Random stream of all draws.
-      epsilon: Probability of an exploratory action during training.
-      learn_rate: Learn rate of the evaluation network.
+      epsilon: Probability of an exploratory action in training, a `Schedule`.
+      learn_rate: Learn rate of the evaluation network, a `Schedule`.
     """
 
     def __init__(
@@ -52,7 +52,7 @@ class Neurocontroller:
         """Draws the initial brains.
 
         Args:
-          parameters: Parameters of the brains.
+          parameters: Parameters that all B brains share.
           proposer: Action proposer, "fixed", "random" or "creative".
           robots: Number B of robots.
           sensors: Number S of sensor signals in a state.
@@ -187,7 +187,7 @@ class Neurocontroller:
         A recurrent context and an exploratory action that has begun go on.
 
         Args:
-          robots: Indices of the robots concerned; None for all.
+          robots: Indices of the robots that are placed elsewhere; None for all.
         """
         self._current.forget(robots)
 
@@ -282,7 +282,7 @@ class Neurocontroller:
         """Continues from a checkpoint, bit-exactly.
 
         Args:
-          tensors: Tensors that `state` returned.
+          tensors: Tensors by name, as `state` returned them.
 
         Raises:
           ValueError: A tensor is missing or has the wrong shape.

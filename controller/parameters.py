@@ -50,7 +50,8 @@ class Parameters(Checked):
       noisy_connections: Which connections are noisy: drawn "anew" for each idea, or "fixed": drawn
         once for each robot, so that each idea has new signs only (docs/paper.md).
       noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
-        step, 0 for the same noise for life (not stated in the paper). A stored brain draws it anew.
+        step, 0 for the same noise for life (not stated in the paper). A brain that is loaded draws
+        new noise.
       noise_on_biases: Whether biases count as connections (not stated in the paper).
       keep_main_idea: Whether the first idea is the memory's output without noise (not stated in
         the paper).
@@ -58,18 +59,21 @@ class Parameters(Checked):
         [-initial_range, initial_range] (section 3.1).
       activation: Activation function of the hidden neurons, "logistic" (section 3) or "tanh".
       centred_inputs: Whether all network inputs, motor values included, are scaled to [-1, 1].
-      raw_signals: Whether the raw value of each saturating signal is a further network input.
-      raw_reward: Whether a saturating reward is replaced by its raw value, 1 at maximal smell.
+      raw_signals: Whether the raw value of each saturating signal, such as smell, is a further
+        network input.
+      raw_reward: Whether a saturating reward is replaced by its raw value, scaled to 1 at maximal
+        smell.
       reward_form: Form of the reward, the "signal" (section 2) or its "difference" from the
         previous step.
       bootstrap: Action whose value is V at t + 1 in Eq. 1: the selected one ("on_policy") or the
         best of the proposed ones ("max").
       clipped_bootstrap: Whether V at t + 1 is clipped to max(r(t), 0) in a step in which the
         reward fell to 0 or below.
-      advantage_scale: Factor alpha of advantage learning, r <- r - alpha (V_best - V_selected).
+      advantage_scale: Factor alpha of advantage learning, r <- r - alpha (V_best - V_selected); 0
+        for none.
       optimizer: Optimizer of the networks, "sgd" (Eq. 1) or "adam".
-      memory_target: Action that the memory learns: the "selected" one, at the TD error as learn
-        rate (section 3), or the "best" of the proposed ones, at `learn_rate`.
+      memory_target: Action that the memory learns: the "selected" one, with the TD error as learn
+        rate (section 3), or the "best" of the proposed ones, with `learn_rate`.
       random_share: Share of the creative proposer's ideas that are drawn uniformly at random; their
         number is rounded to the nearest whole number, and at least one idea is the memory's.
       exploration_steps: Longest duration in steps of an exploratory action. Above 0: a random

@@ -15,8 +15,8 @@ class Signal:
     """The range of one sensor signal, or of the reward.
 
     Attributes:
-      low: Smallest value.
-      high: Largest value.
+      low: Smallest possible value.
+      high: Largest possible value, above `low`.
       maximal: Raw signal x at maximal smell, if the signal saturates as s = x / (1 + x) (Eq. 3);
         None if the signal does not saturate.
     """
@@ -59,7 +59,7 @@ class Encoding:
     Beyond the paper, inputs are scaled to [-1, 1], or raw signals are further inputs, or both.
 
     Attributes:
-      inputs: Number I of network inputs for the state: S, and one for each raw signal.
+      inputs: Number I of network inputs for the state: S, plus one for each raw signal.
     """
 
     def __init__(

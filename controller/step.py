@@ -9,8 +9,8 @@ from torch import Tensor
 class Step:
     """What B robots sensed and selected in one control step.
 
-    A step is recorded in place again and again. Until its first recording, no next step continues
-    it. Only a detailed step has the last four attributes, which the paper's brain does not need.
+    One object records many steps, each over the one before. Before the first, `chained` is 0. Only
+    a detailed step has the last four attributes, which the paper's brain does not need.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -69,7 +69,7 @@ class Step:
         """Marks that the next step does not continue this one.
 
         Args:
-          robots: Indices of the robots concerned; None for all.
+          robots: Indices of the robots that are placed elsewhere; None for all.
         """
         self.chained[slice(None) if robots is None else robots] = 0
 

@@ -43,7 +43,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
     Args:
       path: MJCF file of an arena with its robot; see `check_arena` for what it must hold.
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s], at most 10; None for the file's.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s], at most 10; None keeps the file's.
 
     Raises ValueError for another speed or a file that cannot be read.
     """
@@ -151,8 +151,8 @@ class Dimensions:
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
-      nose: Distance of the nose ahead of the robot's centre in [m].
-      obstacles: Position x, y and radius of each obstacle in [m].
+      nose: Distance of the nose in front of the robot's centre in [m]; 0 at the centre.
+      obstacles: Centre x, y and radius of each obstacle in [m].
     """
 
     half_length: float

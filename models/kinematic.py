@@ -40,15 +40,15 @@ class Kinematics(Checked):
         overlap a wall is not made, not even in part; the robot still turns.
       felt: Condition for contact. "near": the gap between rim and wall is within the contact
         margin. "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes
-        away a robot that does not push. With "refuses" it is a refused move.
+        away a robot that does not push. With the wall "refuses", "pushed" means a refused move.
       any_contact: Whether contact at any time of a control step counts; otherwise only contact at
         the end of the step counts.
       lag: Time constant in [s] with which the wheels' speed follows the motors; 0 for no lag. The
         MuJoCo body has about 0.08 straight ahead, because of its mass and its servos.
-      pieces: Number of equal parts into which a control step is divided; the robot follows one
-        path in each part.
-      path: "arc": the exact path of two wheels of constant speed. "euler": one step of Euler's
-        method, straight along the heading at the start of the part.
+      pieces: Number of equal pieces into which a control step is divided; the robot follows one
+        path in each.
+      path: Path in each of the `pieces`. "arc": exact for two wheels of constant speed. "euler":
+        one step of Euler's method, straight along the heading at the start of the piece.
     """
 
     radius: float | None = number(None, 0, np.inf, "()", unit="m")
@@ -131,7 +131,8 @@ def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
-      into: Whether the wall that a robot meets first bounds x (row 0) or y (row 1), shape (2, B).
+      into: Booleans, shape (2, B): whether the wall that a robot meets first bounds x (row 0), y
+        (row 1).
       seconds: Duration of driving into the wall in [s], shape (B,).
     """
     xp = namespace(lost)

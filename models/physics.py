@@ -32,8 +32,8 @@ class Physics(mujoco.Physics):
     batch of robots. Copies, also through pickle, continue bit-exactly.
 
     Attributes:
-      dimensions: Dimensions of the robot, the arena and the spot.
-      qpos: View of MuJoCo's qpos.
+      dimensions: Dimensions of robot, arena and spot, read from the model.
+      qpos: View of MuJoCo's qpos, shape (nq,).
       readings: View of MuJoCo's sensordata, shape (1, nsensordata).
     """
 
@@ -42,8 +42,9 @@ class Physics(mujoco.Physics):
     def step(self, nstep: int = 1) -> None:
         """Simulates substeps, of which only the last evaluates sensors, as in the batch.
 
-        The solver begins both parts without a guess, so that they depend on the state alone. The
-        model's flags change meanwhile: copies that share a model need one thread.
+        The solver starts without a guess before the first and the last substep, so that results
+        depend on the state alone. A step sets flags of the model: copies that share it need one
+        thread.
         """
         model, data = self.model.ptr, self.data.ptr
         flags = model.opt.disableflags

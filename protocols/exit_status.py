@@ -21,11 +21,11 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
     """Carries out a command, reports a failure in one sentence, and returns the exit status.
 
     Args:
-      work: Command to carry out.
+      work: Function that carries out the command.
       check: Whether to check the versions of the dependencies first.
 
     Returns:
-      0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
+      0 for success, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
     """
     try:
         os.getcwd()

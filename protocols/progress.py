@@ -59,8 +59,8 @@ class JobProgress:
 
         Args:
           what: Description of the jobs, shown next to the progress.
-          costs: Cost of each job, in simulated seconds.
-          quiet: Whether to show nothing.
+          costs: Cost of each job: simulated seconds, added up over its robots.
+          quiet: Whether to show no progress.
           robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
           watcher: Function that is called whenever reports are shown, several times a second.
         """

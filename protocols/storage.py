@@ -212,7 +212,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     """Writes arrays and JSON notes into one safetensors file, atomically, with a digest.
 
     Args:
-      path: File to write.
+      path: File to write; an existing one is replaced.
       arrays: Arrays by name, of any shape and a dtype of `DTYPES`.
       **notes: Values that JSON can represent.
     """
@@ -233,10 +233,10 @@ def load_arrays(
     """Reads the arrays and the notes that `save_arrays` wrote.
 
     Args:
-      path: File to read.
-      check: Raises ValueError where the file must not be read. It receives the dtype and the
-        shape of each array before any array is read.
-      wanted: Returns whether an array of a name is kept in memory; None keeps all.
+      path: File that `save_arrays` wrote.
+      check: Function of the dtype and shape of each array by name, called before any array is read;
+        it raises ValueError where the file must not be read.
+      wanted: Function that returns whether to keep the array of a name; None keeps all.
 
     Raises:
       FileNotFoundError: there is no such file.

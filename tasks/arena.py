@@ -54,11 +54,11 @@ class Task(base.Task):
     """A task of the arena: sensor signals as observations, two motors as actions.
 
     Attributes:
-      rules: Observations and reward of the task.
-      episode: Start, actions and length of an episode.
-      start: Start of the episode that begins next.
+      rules: Observations and reward of the task in the present world.
+      episode: Start, actions and length of every episode.
+      start: Places of robot and spot at the start of the next episode.
       steps: Number of control steps of this episode so far.
-      world: What holds in the world: that of the phase of a life.
+      world: World of the present phase in a life; the default world in other tasks.
     """
 
     def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
@@ -235,8 +235,8 @@ class Environment(control.Environment):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues bit-exactly from what `get_state` of an environment of this task returned.
 
-        Raises ValueError for the state of another task or kind of random stream, or of no robot in
-        the arena; nothing has changed then. Raises RuntimeError where the environment is closed.
+        Raises ValueError for the state of another task or kind of random stream, or of a robot that
+        is not in the arena; nothing has changed then. Raises RuntimeError if closed.
         """
         with self.lifecycle.one_thread:
             self.check_state(state, self.task.random)
@@ -275,12 +275,13 @@ class Settings(TypedDict, total=False):
     """Keywords of every task's factory.
 
     Attributes:
-      robot: Start of the robot, see `Start`.
-      spot: Place of the spot, see `Start`.
-      nose: Form of Eq. 3, "inverse" (default) or "printed"; only for robots with a nose.
+      robot: Pose x, y in [m] and heading in [rad], or a corner; None (default) for random poses.
+      spot: Centre x, y in [m], or a corner; None (default) for random places.
+      nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); robots with a nose only.
       time_limit: Length of an episode in [s]; None (default) for the task's own.
       random: Random stream, or its seed; None (default) for a seed of the operating system.
-      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit`.
+      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
+        [s].
     """
 
     robot: tuple[float, float, float] | Corner | None
@@ -299,14 +300,15 @@ class TaskDefinition(Checked):
     1,000 steps.
 
     Attributes:
-      name: Name of the task and of its factory.
-      rules: Observations and reward of the task.
-      edits: Edits of the arena's model, in order.
-      limit: Largest action, which corresponds to motor value 0.5.
-      time_limit: Length of an episode in [s].
-      spot_seconds: Time between two jumps of the spot in [s]; 0 for a spot that stays.
+      name: Name of the task, such as "wall_avoidance".
+      rules: Class with the task's observations, reward and measured event.
+      edits: Functions that edit the arena's model, in order.
+      limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
+      time_limit: Length of an episode in [s]; infinity for an episode without end.
+      spot_seconds: Time between two jumps of the spot in [s], a multiple of 0.1; 0 for a spot that
+        stays.
       model: MJCF file of the arena with its robot, see `models.arena.check_arena`.
-      life: Life of the task `name` that is one episode; None for episodes that start anew.
+      life: Life that is one whole episode; None for ordinary episodes.
     """
 
     name: str
@@ -362,7 +364,7 @@ class TaskDefinition(Checked):
         return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 
     def episode(self, start: Start, dimensions: Dimensions, steps: float, rules: Rules) -> Episode:
-        """Returns an episode of the task, see `Episode`; ValueError for a life that cannot be."""
+        """Returns an episode of the task, see `Episode`; ValueError if its life is impossible."""
         if self.life:
             self.life.check(rules, dimensions)
         length = sum(self.life.steps()) if self.life else math.inf

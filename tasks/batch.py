@@ -31,7 +31,7 @@ _MOST_SUBSTEPS = 10_000
 
 
 def stop_timers() -> bool:
-    """Stops MuJoCo's clock readings in this process (a seventh of a small model's step).
+    """Stops MuJoCo's timers in this process, which take a seventh of a small model's step.
 
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
     clock is a global callback without a public switch. Returns whether it was found.
@@ -49,7 +49,7 @@ def silence_warnings() -> None:
 
 
 class CapacityError(RuntimeError):
-    """A simulator had no room for all contacts of some robots, `robots`, by index."""
+    """A simulator had no room for all contacts of some robots; `robots` has their indices."""
 
     def __init__(self, text: str, robots: list[int]) -> None:
         super().__init__(text, robots)
@@ -77,10 +77,10 @@ class Robots(abc.ABC):
 
     Attributes:
       robots: Number of robots, B.
-      rules: Observations, reward and event of the task, in the world.
-      dimensions: Dimensions of robot, arena and spot.
-      world: What holds in the robots' world, see `enter`.
-      sensordata: Last measurements, shape (B, nsensordata).
+      rules: Observations, reward and event of the task in the present world.
+      dimensions: Dimensions of robot, arena and spot, equal for all robots.
+      world: World of all robots, which `enter` changes.
+      sensordata: Last measurements in MuJoCo's layout, shape (B, nsensordata).
       valid: False for a stopped robot, shape (B,). A robot is stopped when its simulation becomes
         unstable, it leaves the arena or the floor, it tips over, or its motors or sensors are not
         finite; from then on its motors are 0 and its sensors read 0.
@@ -139,10 +139,10 @@ class Robots(abc.ABC):
         """
 
     def enter(self, world: World) -> None:
-        """Changes the world of all robots; what they measured last reads as it does there.
+        """Changes the world of all robots, in which their last measurements are read, too.
 
-        A world is no part of a state. Raises ValueError where it changes or rewards what robots of
-        this task do not sense.
+        States do not contain the world. Raises ValueError where the world changes or rewards what
+        robots of this task do not sense.
         """
         self.rules = world.rules(self._task_rules, self.dimensions.nose)
         self.world = world
@@ -201,7 +201,7 @@ class Robots(abc.ABC):
 
 
 def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) -> None:
-    """Overwrites arrays by others of the same names, all or none of them; see `set_state`."""
+    """Copies arrays into the targets of the same names, all or none; see `set_state`."""
     if not isinstance(arrays, Mapping):
         raise ValueError(f"a state must have the arrays {[*targets]}, got {arrays!r:.60}")
     given = {}
@@ -221,11 +221,11 @@ def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) ->
 
 
 class Batch(Robots):
-    """B robots in MuJoCo. A second thread that steps or places them meanwhile is refused.
+    """B robots in MuJoCo; only one thread at a time may step or place them.
 
     Attributes:
-      model: Compiled arena of all robots; changes count from the next step on. A step changes its
-        flags meanwhile: batches in several threads need a model each.
+      model: Compiled arena of all robots; changes take effect at the next step. Batches in several
+        threads need a model each, because a step sets flags of the model.
       substeps: Number of physics steps in a control step.
     """
 
@@ -235,11 +235,11 @@ class Batch(Robots):
         """Places B robots at the origin, each in the compiled arena with its rules.
 
         Args:
-          model: Compiled arena.
-          rules: Rules of the task for that arena.
+          model: Compiled arena, which all robots share.
+          rules: Rules of the task, made for this arena by `Rules.of`.
           robots: Number of robots, B.
-          threads: Number of threads that step the physics, without an effect on results; 0 for the
-            calling thread.
+          threads: Number of threads that step the physics; 0 for the calling thread. Results do not
+            depend on it.
 
         Raises ValueError where a number is out of range, see `substeps_of`.
         """

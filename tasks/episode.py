@@ -39,14 +39,14 @@ class Episode:
     """An episode of a task.
 
     Attributes:
-      task: Name of the task, which states carry.
-      start: Places of robot and spot at the start.
-      dimensions: Dimensions of robot, arena and spot.
-      limit: Largest action, which corresponds to motor value 0.5.
+      task: Name of the task; states of another task are refused.
+      start: Places of robot and spot at the start, fixed or random.
+      dimensions: Dimensions of robot, arena and spot, which decide the possible places.
+      limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
       spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
         spot that stays.
       steps: Number of control steps; infinity for an episode without end.
-      life: Life that is one episode; None for other tasks.
+      life: Life that is one whole episode; None for ordinary episodes.
     """
 
     task: str
@@ -87,11 +87,11 @@ class Episode:
         return {leg.start: leg for leg in self.life.legs()} if self.life else {}
 
     def leg_from(self, step: int) -> Leg | None:
-        """Returns the leg of the life that begins before control step number `step`, if any."""
+        """Returns the stretch of the life that begins at control step `step`, None if none does."""
         return self._legs.get(step)
 
     def leg_of(self, step: int) -> Leg:
-        """Returns the leg of the life in which control step number `step` is; at its end, the last.
+        """Returns the stretch of the life that contains control step `step`; at the end, the last.
 
         Raises ValueError for an episode that is no life.
         """
@@ -128,7 +128,7 @@ class Episode:
 
 
 class OneThread:
-    """A lock that refuses a second thread, which MuJoCo's data would not survive.
+    """A lock that refuses a second thread, because MuJoCo's data allow only one.
 
     One thread may hold it several times. A copy is not held.
     """
@@ -155,8 +155,8 @@ class Lifecycle:
     except in Gymnasium's environment of one robot.
 
     Attributes:
-      stage: State of the environment.
-      one_thread: What every call of the environment holds.
+      stage: State of the environment: "new", "running", "failed" or "closed".
+      one_thread: Lock that every call of the environment holds.
     """
 
     def __init__(self) -> None:
@@ -185,7 +185,7 @@ class Lifecycle:
             self.refuse()
 
     def refuse(self) -> NoReturn:
-        """Raises RuntimeError: says what must be done before the next step."""
+        """Raises RuntimeError, which says what must be done before the next step."""
         raise RuntimeError(_REFUSALS[self.stage])
 
 

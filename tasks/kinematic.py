@@ -21,7 +21,7 @@ class KinematicBatch(Robots):
     """B ideal differential drives, each alone in its arena (see `models.kinematic`).
 
     Attributes:
-      kinematics: Settings of the kinematic simulator.
+      kinematics: Settings of the simulator: body, walls, contact, lag and path.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ def make_kinematic_batch(
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
     The arguments are those of `make_batch`, but the task must have the paper's robot and arena: no
-    pillars, no second nose. Of an edited model, the simulator reads its `Dimensions`.
+    pillars, no second nose. Edits count only as far as they change the model's `Dimensions`.
 
     Raises ValueError for another task or a value out of range.
     """

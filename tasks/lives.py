@@ -42,7 +42,7 @@ class Phase(Checked):
     """A stretch of a life with one rule of placement and learning, and one world.
 
     Attributes:
-      stage: "pre" or "post", the tests before and after training, or "training".
+      stage: "pre" (test before training), "training" or "post" (test after training).
       minutes: Duration in simulated minutes.
       learning: Whether the robot learns and explores.
       robot: Pose of the robot at the start, x, y in [m] and heading in [rad]; "random" draws it;
@@ -51,7 +51,7 @@ class Phase(Checked):
         where it is.
       every_minutes: Period in simulated minutes after which robot and spot are placed again; None
         places them once.
-      world: What holds in the world.
+      world: Wiring, senses and reward in this phase.
     """
 
     stage: Stage = choice("training", Stage)
@@ -98,11 +98,11 @@ class Leg:
     """A stretch of a life between two placements.
 
     Attributes:
-      start: First control step.
+      start: First control step, counted from 0 at the start of the life.
       stop: Control step that follows the last one.
-      number: Number of its phase, from 0.
-      phase: Its phase.
-      changes_world: Whether its world differs from that of the leg before.
+      number: Number of the phase in the life, from 0.
+      phase: Phase to which the stretch belongs.
+      changes_world: Whether the world differs from that of the leg before; False for the first.
     """
 
     start: int
@@ -117,13 +117,13 @@ class Life(Checked):
     """A life: one task and its phases, in order.
 
     Attributes:
-      name: Name of the life.
-      title: Title of the life, for tables and figures.
-      task: Task of the domain "arena".
-      phases: Phases of the life, in order.
+      name: Name of the life: lower case letters, digits and underscores.
+      title: Title of the life in tables and figures, 1 to 60 characters.
+      task: Name of a task of the domain "arena", such as "spot_finding".
+      phases: Phases of the life, in the order "pre", "training", "post".
       wanted: True if the measured event is good (in the spot), False if it is bad (in contact);
         decides the sign of Learn Ability.
-      unmeasured: Class of a robot for which the event happens in neither test.
+      unmeasured: Class of a robot with the measured event in neither test: "genius" or "ignorant".
     """
 
     name: str = text("", LIFE_NAME.pattern, "lower case letters, digits and underscores")
@@ -144,11 +144,11 @@ class Life(Checked):
             raise ValueError(f"places must be drawn at most {_MOST_LEGS} times, got {periods:.3g}")
 
     def check(self, rules: Rules, dimensions: Dimensions) -> None:
-        """Raises ValueError for an impossible place, or a world that the robot cannot live in.
+        """Raises ValueError for an impossible place, or a world that the task does not support.
 
         Args:
-          rules: Rules of the life's task.
-          dimensions: Dimensions of robot, arena and spot.
+          rules: Rules of the life's task; they say which worlds are possible.
+          dimensions: Dimensions of the arena, in which all places must lie.
         """
         for phase in self.phases:
             robot = None if phase.robot == "random" else phase.robot
@@ -169,7 +169,7 @@ class Life(Checked):
         return dataclasses.replace(self, phases=phases)
 
     def newborn(self, number: int) -> Life:
-        """Returns the life of a robot that is born in a phase, counted from 1, and sees no other.
+        """Returns the life of a robot that is born in phase `number`, from 1, and sees no other.
 
         IndexError where there is no such phase.
         """

@@ -34,7 +34,7 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
 
     Args:
       name: Name of the task, in lower case with underscores, such as "two_spots".
-      rules: Observations, reward and event of the task.
+      rules: Class with the task's observations, reward and measured event.
       **settings: Further fields of `TaskDefinition`: `model`, the MJCF file of an arena with its
         robot; `edits` of the model, `limit` of the actions, `time_limit` and `spot_seconds` in [s].
 

@@ -20,7 +20,7 @@ _ROUNDING = 1e-6  # by which a task's values may exceed their declared range
 
 
 def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
-    """Returns the indices in `sensordata` of so many numbers, from those of a sensor on.
+    """Returns the indices in `sensordata` of `length` numbers, from the first of a sensor on.
 
     Raises KeyError where the arena lacks the sensor.
     """
@@ -70,7 +70,7 @@ class Rules(abc.ABC):
     works on the last axis. The paper's tasks also take tensors of PyTorch, and return tensors.
 
     Attributes:
-      layout: Indices of each sensor's numbers.
+      layout: Indices of each sensor's numbers in `sensordata`.
       shapes: Length, minimum and maximum of each observation, by name.
       rewards: Minimum and maximum of the reward.
       maximal: Raw signal s' at maximal smell, by name of the signal ("reward" for the reward).
@@ -130,7 +130,7 @@ class Rules(abc.ABC):
 
 
 def within(values: np.ndarray, shape: tuple[int, ...], ends: tuple[float, float]) -> bool:
-    """Returns whether values are real numbers of a shape, from the first to the second end."""
+    """Returns whether values are real numbers of a shape, from `ends[0]` to `ends[1]`."""
     if values.shape != shape or values.dtype.kind not in "fiub":
         return False
     low, high = ends[0] - _ROUNDING, ends[1] + _ROUNDING

@@ -41,8 +41,8 @@ class Nose(Checked):
     """The nose of section 3, with its Eq. 3.
 
     Attributes:
-      odour: "Amount of odour" o of the spot, in [mol].
-      frustum: Angle alpha within which the nose smells, in [rad].
+      odour: Amount of odour o of the spot (Eq. 3) in [mol].
+      frustum: Opening angle alpha of the nose in [rad]; it smells up to alpha / 2 off the front.
       spot_radius: Radius r of the odorous spot, in [m].
       form: "inverse": the raw signal falls with the distance, as r/d, so that it is highest in
         the spot. "printed": Eq. 3 as printed, d/r, which grows with the distance

@@ -21,7 +21,7 @@ class SpotFindingRules(Rules):
     """Rules of section 3.2: one nose, whose signal is the reward.
 
     Attributes:
-      nose: Nose of the robot, with the radius of the arena's spot.
+      nose: Parameters of Eq. 3; the radius is that of the arena's spot.
     """
 
     nose: Nose = Nose()
@@ -105,7 +105,7 @@ class SpotOrDrivingRules(SpotAmongWallsRules):
     """Spot finding with wall sensing, in a life that may reward driving instead.
 
     Attributes:
-      driving: Rules that reward driving.
+      driving: Rules whose reward is that of a phase which rewards driving.
     """
 
     driving: DrivingRules

@@ -37,8 +37,8 @@ class ArenaVecEnv(VecEnv):
         """Initialises the batch.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id; MODULE: before it
-            imports a module that registers it; "life" with the keyword `life`.
+          task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id; or "life", with the
+            keyword `life`. MODULE:NAME first imports the module, which registers the task.
           num_envs: Number of robots, B.
           **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
             task, 1,000 in the suite.

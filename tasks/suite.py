@@ -94,8 +94,9 @@ def load(
     Args:
       domain_name: "arena", or "life" for lives that are one episode.
       task_name: Name of a task, see `ALL_TASKS`, or of a life, see `lives.LIVES`.
-      task_kwargs: Keywords of the task, see `arena.Settings`.
-      environment_kwargs: `flat_observation` and `time_limit`, see `arena.Settings`.
+      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see `arena.Settings`.
+      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
+        [s].
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:
@@ -145,10 +146,10 @@ def make_batch(
     The caller places robots and spots, and moves a spot that jumps.
 
     Args:
-      task_name: Name of a task, see `TASKS`.
+      task_name: Name of a task, a key of `TASKS`.
       robots: Number of robots.
-      nose: Form of Eq. 3.
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None for that of the model.
+      nose: Form of Eq. 3, "inverse" or "printed", see `sensors.Nose`.
+      motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None keeps the model's.
       edits: Further edits of the arena's model, after the task's own.
       threads: Number of threads that step the physics; 0 for the calling thread. Results do not
         depend on it.

@@ -52,8 +52,8 @@ class DrivingRules(WallAvoidanceRules):
     """Wall avoidance that rewards driving ahead, so that a robot at rest earns nothing.
 
     Attributes:
-      velocity: Indices of the velocity in `sensordata`.
-      top_speed: Highest speed of a wheel, in [m/s].
+      velocity: Indices in `sensordata` of the velocity ahead, left and up in [m/s].
+      top_speed: Speed of a wheel at motor value 0.5 in [m/s], at which `speed` is 1.
     """
 
     velocity: slice

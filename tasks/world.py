@@ -21,18 +21,18 @@ _DRIVES = 0.5  # least speed ahead of a robot that drives, as a share of the top
 class World(Checked):
     """What holds in a phase of a life; the default changes nothing.
 
-    Robots are told of none of it. It changes what reaches motors and brain, not the simulator, so
-    that it is the same in every simulator.
+    Robots receive no signal that names the world. A world changes what reaches motors and brain,
+    not the simulator, so that it is the same in every simulator.
 
     Attributes:
-      wheels: Motor values that the wheels receive, as a matrix: left from left, left from right,
+      wheels: Matrix from motor values to what the wheels receive: left from left, left from right,
         right from left, right from right. (-1, 0, 0, 1) reverses the left wheel.
       nose: Angle of the nose on the rim in degrees, counterclockwise from the front.
       sensors: Sensors that read wrong: name, offset and gain of each. A sensor reads offset + gain
         * signal, within its range; (name, 0, 0) is a lost one. Names are those of `SENSORS`.
-      rewarded: "task" for the task's own reward and event; "driving" for the speed ahead, and 0 in
-        contact, as in the task `wall_avoidance_obstacles`; its event is at least half of the top
-        speed ahead without contact.
+      rewarded: "task": the task's own reward and event. "driving": the reward of the task
+        `wall_avoidance_obstacles`, the speed ahead, 0 in contact; the event is at least half of the
+        top speed.
     """
 
     wheels: tuple[float, ...] = numbers(_UNCHANGED, -1, 1, 4)
@@ -67,7 +67,7 @@ class World(Checked):
         """Returns a task's rules in this world.
 
         Args:
-          rules: Rules of the task.
+          rules: Rules of the task in the default world.
           nose: Distance of the nose from the robot's centre in [m].
 
         Raises ValueError where the task's robot does not sense what the world changes or rewards.
@@ -88,8 +88,8 @@ class WorldRules(Rules):
     """Rules of a task in a world.
 
     Attributes:
-      task: Rules of the task.
-      world: What holds in the world.
+      task: Rules of the task in the default world.
+      world: World that changes them.
       nose: Distance of the nose from the robot's centre in [m].
     """
 

@@ -124,7 +124,7 @@ class Wrapper(Agent):
     """An agent that passes every call on to another; a subclass changes some of them.
 
     Attributes:
-      agent: The agent inside.
+      agent: Agent that receives the calls.
     """
 
     def __init__(self, agent: Agent) -> None:

@@ -115,8 +115,8 @@ def ending_in_a_sentence(
     """Turns whatever a user's code raises within into one sentence.
 
     Args:
-      what: Beginning of the sentence.
-      kind: Error for an exception; an exit is a RunError.
+      what: Beginning of the sentence, which the fault completes.
+      kind: Type of error that an exception becomes; an exit always becomes a RunError.
       passed: Types of exceptions that are raised unchanged.
 
     Raises:

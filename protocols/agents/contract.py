@@ -41,10 +41,10 @@ class AgentContract:
 
     Attributes:
       name: Name of the agent, or its factory as package.module:factory; its code is run.
-      task: Task whose signals the agent is given.
-      signals: "paper", or "raw" for smell and reward before they saturate.
-      learns: Whether training changes the agent's weights.
-      settings: Values of its settings by name, others than the defaults.
+      task: Task whose signals the agent receives.
+      signals: Observation set: "paper", or "raw" with smell and reward before they saturate.
+      learns: Whether training must change the agent's weights.
+      settings: Values of the agent's settings that differ from the defaults, by name.
     """
 
     name = ""

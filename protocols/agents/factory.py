@@ -34,7 +34,7 @@ def trust(*names: str) -> None:
 
 
 def check_trusted(name: str, source: object) -> None:
-    """Raises InputError where a proposer that a source names is a factory that no command named."""
+    """Raises InputError for a factory that a `source`, such as a file, names, but no command."""
     if not is_own(name) and name not in _TRUSTED:
         raise InputError(
             f"{source} names the agent {name}, whose code would be run: allow it by --agent "

@@ -13,19 +13,19 @@ from .hand_coded import HandCoded
 
 
 class Informed(Wrapper):
-    """The hand-coded robot, told which world it lives in; it learns nothing.
+    """The hand-coded policy, adapted to one known world; it learns nothing.
 
-    In its world it is about as good as the hand-coded robot in the default world, if the wiring can
-    be inverted and the nose is at the front or the back. In another one it is a fixed policy.
+    In its world it is about as good as the hand-coded policy in the default world, if the wiring
+    can be inverted and the nose is at the front or the back. In other worlds it does not change.
     """
 
     def __init__(self, world: World, shapes: dict[str, int], senses: Senses) -> None:
-        """Takes a world, and what the robot senses.
+        """Adapts the policy to a world.
 
         Args:
-          world: World that the policy is made for.
-          shapes: Length of each observation, by name, in their order.
-          senses: Ranges of the signals.
+          world: World to which the policy is adapted.
+          shapes: Length of each observation by name, in the order of the signals.
+          senses: Ranges of the signals and of the reward.
 
         Raises:
           InputError: there is no hand-coded policy for these signals.

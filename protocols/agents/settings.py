@@ -23,15 +23,15 @@ class Setting:
     """A number that a user may choose.
 
     Attributes:
-      default: Value unless another is chosen; a whole number allows whole numbers only.
-      low: Smallest value.
-      high: Largest value.
-      says: What it is.
-      log: Whether tuning draws its logarithm uniformly, not the value itself.
-      tuned: Whether tuning changes it.
+      default: Value if no other is chosen; if it is an int, only whole numbers are allowed.
+      low: Smallest allowed value.
+      high: Largest allowed value.
+      says: Meaning of the setting in a few words.
+      log: Whether tuning draws the logarithm of the value uniformly, instead of the value.
+      tuned: Whether `musebot benchmark tune` changes it.
       each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
-        (B,), int64 for whole numbers, else float64. If all tuned settings may, several trials of a
-        tuning are simulated together, which takes less time.
+        (B,), int64 for whole numbers, else float64. If this holds for all tuned settings, several
+        trials are simulated together, which takes less time.
     """
 
     default: float
@@ -95,8 +95,8 @@ def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list
     """Reads settings as NAME=VALUE.
 
     Args:
-      words: The settings.
-      several: Whether VALUE may be several numbers with commas between them, for equal shares of a
+      words: Settings, each as NAME=VALUE, such as "rate=0.1".
+      several: Whether VALUE may be several numbers, separated by commas, for equal shares of a
         cohort's robots.
 
     Raises:

@@ -35,8 +35,8 @@ class Bounds:
     """Shares of time that an untrained and an informed policy reach in each of a life's W worlds.
 
     Attributes:
-      low: Share of untrained robots, shape (W,).
-      high: Share of robots with a policy made for the world, shape (W,).
+      low: Share of time in which untrained robots reach the goal, shape (W,).
+      high: Share of time in which robots with a policy made for the world reach it, shape (W,).
     """
 
     low: np.ndarray
@@ -49,16 +49,16 @@ class Bounds:
 
 @dataclasses.dataclass(frozen=True)
 class Adaptation:
-    """What n robots did in the P phases of a life.
+    """How n robots adapted in the P phases of a life.
 
     Attributes:
       scores: Score in each phase: 0 at the lower bound of its world, 1 at the upper, shape (n, P).
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
-      recovery: Minute of each phase, from 1, with which the first `WINDOW` begins in which a robot
-        is recovered, see `RECOVERED`; the last one for a robot that never is, shape (n, P).
+      recovery: Minute of each phase, from 1, at which the first `WINDOW` minutes begin whose mean
+        score is at least `RECOVERED`; the last minute if none do, shape (n, P).
       before: Score in the last `WINDOW` minutes of each phase, shape (n, P).
       after: Score in the first `WINDOW` minutes of each phase, shape (n, P).
-      worlds: Number of each phase's world, in the order of `Life.worlds`, shape (P,).
+      worlds: Index of each phase's world in `Life.worlds`, shape (P,).
     """
 
     scores: np.ndarray
@@ -70,7 +70,7 @@ class Adaptation:
 
     @classmethod
     def of(cls, shares: np.ndarray, life: Life, bounds: Bounds) -> Adaptation:
-        """Computes it from the robots' shares of each of M minutes, shape (n, M)."""
+        """Computes the measures from robots' shares of each minute at the goal, shape (n, M)."""
         numbers = [life.worlds.index(phase.world) for phase in life.phases]
         worlds = np.array(numbers)
         parts = []

@@ -31,14 +31,16 @@ class Track:
 class Stay:
     """Behaviour of n robots that start at the rim of the spot and learn from there.
 
+    A robot is at the spot while its nose is inside it or within 2 cm of its rim.
+
     Attributes:
-      staying: Whether each robot spent at least a tenth of the time at the spot, shape (n,).
+      staying: Whether each robot stayed at the spot for at least a tenth of the time, shape (n,).
       following: Share of time in which each robot followed the contour, in the first and in the
         last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      spinning: The same for spinning inside the spot, shape (n, 2).
-      minutes: One row per minute with three numbers, shape (M, 3): the minute's index, the share of
-        following, the share of spinning. Both are shares of the time that the staying robots spent
-        at the spot in this minute; NaN if no robot was there.
+      spinning: Share of time in which each robot spun inside the spot, in the first and in the last
+        third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
+      minutes: Index of each minute, then the shares of following and of spinning in the time that
+        the staying robots spent at the spot, shape (M, 3); NaN if no robot was there.
     """
 
     staying: np.ndarray

@@ -92,11 +92,11 @@ def more(
 
     Args:
       statistic: Function that returns a condition's `Share` of robots, or its `Sample`.
-      condition: The condition.
+      condition: Condition whose statistic should be larger.
       *others: Conditions to compare with; none for the paper's other conditions of the task.
-      what: Name of the statistic in words.
+      what: Words before the numbers, such as "mean L ".
       times: Factor by which the smaller of two shares is multiplied before the comparison.
-      less: Whether the condition's statistic should be smaller instead.
+      less: Whether the condition's statistic should be smaller instead of larger.
     """
     rest = [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
 

@@ -69,7 +69,7 @@ def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
 
 
 def held(part: Literal["pre", "post"], share: float) -> Callable[[Evidence, Condition], Share]:
-    """Returns the statistic "share of robots with the event for so much of a test or more"."""
+    """Returns a statistic: the share of robots with the event for a `share` of a test or more."""
     return lambda evidence, condition: Share.of(
         evidence.robots(condition).shares(condition, part) >= share
     )
@@ -85,7 +85,10 @@ def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
 
 
 def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share in the spot for half of the last quarter of training, among settlers."""
+    """Returns the share of robots in the spot for half of the last quarter of training or more.
+
+    Only robots count that were in the spot for half of the test before training or more.
+    """
     run = evidence.robots(condition)
     chosen = run.shares(condition, "pre") >= 0.5
     if not chosen.any():
@@ -96,7 +99,7 @@ def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
 
 
 def late(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share that needs 20 minutes or more, among robots that arrive in the spot."""
+    """Returns the share that needs 20 minutes or more, of the robots that reach the spot."""
     if evidence.robots(condition).experiment.time_scale != 1:
         raise Undecidable("the shortened test does not last that long")
     minutes = arrival_minutes(evidence, condition, "post")

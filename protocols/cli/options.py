@@ -18,11 +18,11 @@ def option(
     """Returns the field of an option, such as `--robots`.
 
     Args:
-      default: Value if it is not given; `dataclasses.MISSING` if it must be given.
-      says: Meaning, with unit and default.
-      values: Values as help shows them; "" for the choices.
-      choices: Values that are allowed; empty if what uses the value checks it.
-      group: Heading under which help lists it; "" for "options".
+      default: Value if the option is not given; `dataclasses.MISSING` if it must be given.
+      says: Text in the help: meaning, unit and default.
+      values: Name of the value in the help, such as "N"; "" for the choices.
+      choices: Allowed words; empty if the value is checked where it is used.
+      group: Heading in the help; "" for "options".
     """
     values = values or f"{{{','.join(choices)}}}"
     notes = {"says": says, "values": values, "choices": choices, "group": group, "option": True}

@@ -30,7 +30,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command line, None for that of this process; without words, it prints the help.
 
     Returns:
-      The exit status: 0, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
+      The exit status, see `exit_status`.
     """
     safe_streams()
     words = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]

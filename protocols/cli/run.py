@@ -234,7 +234,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
     """Simulates all robots that a folder does not hold yet, as `musebot run` does.
 
     Args:
-      out: Folder of the run; an unfinished run continues.
+      out: Folder of the run: a new one, or that of a run to continue.
       quiet: Whether to show no progress.
       **options: Options of `musebot run`, with underscores: `life`, `proposer`, `agent`, `robots`,
         `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set` may be a

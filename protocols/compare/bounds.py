@@ -45,9 +45,9 @@ class Matrix:
     """Shares of time that policies reach in the worlds of a life, W of them.
 
     Attributes:
-      worlds: Numbers of the worlds, in the order of `Life.worlds`.
-      shares: Mean share of each policy in each world, shape (W + 2, W): those made for the worlds,
-        then `UNTAUGHT`.
+      worlds: Indices of the tried worlds in `Life.worlds`.
+      shares: Mean share of time that each policy reaches in each world, shape (W + 2, W): the
+        policies made for the worlds, then `UNTAUGHT`.
     """
 
     worlds: tuple[int, ...]

@@ -33,10 +33,10 @@ class StoppedError(Exception):
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """What the work of a job receives: it reports how far it is, and stops it when asked.
+    """Argument of a job's work: reports how much is done, and stops the work when asked.
 
     Attributes:
-      checkpoint: File for a state from which the work continues; removed when it is done.
+      checkpoint: File for a state from which the work can continue; removed when the work is done.
     """
 
     checkpoint: Path
@@ -60,10 +60,10 @@ class ArrayJob:
 
     Attributes:
       path: File to which the arrays are written.
-      work: Function of the progress that returns the arrays; it is sent to other processes.
+      work: Function that takes a `Progress` and returns the arrays; it is sent to other processes.
       cost: Amount of work: simulated seconds, added up over the robots.
-      shapes: The dtype, as safetensors names it, and the shape of each array.
-      identity: Notes by which the job recognises its file, as plain data.
+      shapes: Dtype, as safetensors names it, and shape of each array, by the array's name.
+      identity: Notes in the file, as plain data, by which the job recognises it.
     """
 
     path: Path

@@ -47,10 +47,10 @@ class Row:
     """A learner in a life.
 
     Attributes:
-      name: Name of the learner.
-      curves: Share of each minute in which the goal was reached, shape (n, M).
-      old: How its robots adapted.
-      newborns: How fast newborns of each world recover; of fewer worlds where a life has no such
+      name: Name of the learner, or of a brain and its proposer.
+      curves: Share of each minute in which each robot reached the goal, shape (n, M).
+      old: How the learner's robots adapted.
+      newborns: Minutes of recovery of newborns in each world; fewer arrays in a life without such
         controls.
     """
 

@@ -51,7 +51,7 @@ class Page:
     """Results page of a study.
 
     Attributes:
-      figures: Figures of the page by name.
+      figures: Figures by name; each is saved in files of this name.
     """
 
     markdown: str
@@ -64,7 +64,7 @@ class Study(abc.ABC):
     A subclass is a dataclass whose fields are the options, with their ranges (`fields`).
 
     Attributes:
-      name: Name of the study, and of the file of its page.
+      name: Name of the study and of its page, NAME.md.
       folders: Names of the folders below OUT that hold the files of its jobs.
     """
 

@@ -45,7 +45,7 @@ class Trial:
 
     Attributes:
       number: Number of the trial; 0 has the defaults.
-      settings: Values that differ from the defaults, as NAME=VALUE.
+      settings: Values that differ from the defaults, each as NAME=VALUE.
     """
 
     number: int
@@ -61,9 +61,9 @@ class Ranked(NamedTuple):
     """A trial with each robot's shares in the parts of its life that count, shape (parts, robots).
 
     Attributes:
-      trial: The trial.
+      trial: Settings that were tried.
       early: Shares in the first round.
-      late: Shares in the second round; None for a trial that has none.
+      late: Shares in the second round; None for a trial that was not simulated again.
     """
 
     trial: Trial

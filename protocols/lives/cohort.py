@@ -103,22 +103,23 @@ class Cohort:
     """B robots that live the same life.
 
     Attributes:
-      experiment: Experiment that decides the robots' lives.
+      experiment: Seed, cohort size, body, brain and other fields that decide the lives.
       key: Condition and number of the cohort.
-      batch: Robots in their arenas.
-      agent: Agent that drives the robots.
-      decide: The function `device.decide` of a bool `learning`, captured where the device can.
+      batch: The B robots in their arenas, on the experiment's device.
+      agent: Agent that drives all B robots.
+      decide: Function `device.decide` of these robots, with the argument `learning`; on a GPU a
+        captured graph.
       step: Number of control steps simulated so far.
-      steps: Number of control steps of a whole life.
+      steps: Number of control steps of the whole life.
     """
 
     def __init__(self, experiment: Experiment, key: CohortKey, batch: Robots | None = None) -> None:
         """Makes robots at the start of their lives.
 
         Args:
-          experiment: Experiment that decides the robots' lives.
+          experiment: Seed, cohort size, body, brain and other fields that decide the lives.
           key: Condition and number of the cohort.
-          batch: Robots that have not moved yet; None makes them.
+          batch: Robots that have not moved yet; None makes new ones.
         """
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
@@ -163,7 +164,7 @@ class Cohort:
         advance_together([self], steps)
 
     def enter(self) -> None:
-        """Places robots and spots, where a stretch begins and that has not been done."""
+        """Places robots and spots if a stretch begins with the next step, but only once."""
         if self.step == self.leg.start != self._entered:
             self.place(self.leg.phase)
             self._entered = self.step
@@ -207,7 +208,7 @@ class Cohort:
             self.batch.stop(np.flatnonzero(self.unsound()))
 
     def unsound(self) -> np.ndarray:
-        """Returns which robots have, or were seen to have, a weight that is not finite."""
+        """Returns which robots have, or had when last checked, a weight that is not finite."""
         self._unsound |= ~sound(self.agent.weights(), self.batch.robots)
         return self._unsound
 
@@ -306,7 +307,8 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
 
     Args:
       cohorts: Cohorts of one task, at least one of them not finished.
-      steps: Number of control steps; fewer if a life ends or others are reached before.
+      steps: Largest number of control steps; the call ends earlier with the lives, or where cohorts
+        that were behind reach another.
     """
     earliest = min(cohort.step for cohort in cohorts)
     moving = [cohort for cohort in cohorts if cohort.step == earliest]

@@ -20,7 +20,7 @@ _BLOCK = 20_000  # robot-steps whose random numbers are drawn at once: they fit 
 
 
 class CompiledLife:
-    """Control steps of brains and their robots."""
+    """Control steps of brains and their robots, as one compiled loop."""
 
     def __init__(self, brain: CompiledNeurocontroller, batch: KinematicBatch) -> None:
         """Takes robots that are `compilable`."""

@@ -20,7 +20,7 @@ class Condition:
     Conditions sort as in the paper's tables; agents follow the paper's proposers, by name.
 
     Attributes:
-      task: Name of a life, such as "spot_finding"; NAME@K is that of a newborn of its phase K.
+      task: Name of a life, such as "spot_finding"; NAME@K for newborns in its phase K.
       proposer: "fixed", "random" or "creative", or the factory of an agent as
         "package.module:factory".
     """

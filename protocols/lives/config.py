@@ -72,7 +72,7 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
     """Reads words NAME=VALUE.
 
     Args:
-      words: Words; a value is a number, true, false, null, a list as JSON, or else a text.
+      words: Words NAME=VALUE; VALUE is a number, true, false, null, a list in JSON, or else a text.
       known: Names that are allowed.
 
     Raises:

@@ -55,7 +55,7 @@ def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
     """Simulates a control step of robots.
 
     Args:
-      batches: One batch, or parts of one; in the other parts of it, motor values are 0.
+      batches: One batch, or some parts of one; the motor values of its other parts are 0.
       motors: Motor values of each batch or part, shape (B, 2).
     """
     first = batches[0]
@@ -111,16 +111,17 @@ class CapturedSteps:
     alternate steps.
 
     Attributes:
-      count: Function that counts the events after a step of the physics.
+      count: Function that adds the events after a step of the physics to the counts.
     """
 
     def __init__(self, brain: Neurocontroller, batch: Robots, counts: torch.Tensor) -> None:
         """Prepares the steps; the first ones are direct.
 
         Args:
-          brain: Brains of the robots.
+          brain: Brains of the B robots, on a GPU.
           batch: Robots whose sensor data are tensors on the brains' device.
-          counts: Number of events of each robot, shape (B,), which is added to.
+          counts: Number of steps with the event of each robot so far, shape (B,); increased in
+            place.
         """
         device, random = counts.device, brain.generator
         self._brain = brain

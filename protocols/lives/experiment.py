@@ -40,29 +40,28 @@ class Experiment:
     Attributes:
       seed: Seed from which all random streams derive.
       cohort_size: Number of robots simulated in lockstep on one random stream.
-      time_scale: Factor on every duration of a life, in (0, 1]; 1 is the life's own.
-      nose: Form of Eq. 3 (see `tasks.sensors.Nose`).
-      nose_place: Place of the nose: the front of the rim, or the robot's centre.
+      time_scale: Factor on every duration of a life, in (0, 1]; below 1 for rehearsals.
+      nose: Form of Eq. 3, "inverse" or "printed" (see `tasks.sensors.Nose`).
+      nose_place: Place of the nose: "front" of the rim, or "centre" of the robot.
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
         the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
-      kinematics: Parameters of the kinematic simulator.
-      brain: Parameters of the neurocontroller.
+      kinematics: Settings of the kinematic simulator, for the body "kinematic" only.
+      brain: Parameters of the neurocontroller, for conditions with one.
       physics: Engine of the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
         computes in single precision (docs/physics.md).
-      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the kinematic simulator or MuJoCo
-        Warp and the brains compute. Random numbers and rounding differ between devices, and so do
-        lives.
-      backend: What computes the paper's brain: "torch" for PyTorch; "numba" for the same equations
-        compiled by Numba, and the kinematic simulator's with them (docs/performance.md). Lives
-        differ by rounding.
-      signals: What agents receive: "paper", or "raw" with smell and reward before they saturate
-        (see `agents.senses`). Brains have parameters of their own for this.
+      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the brains and the kinematic
+        simulator or MuJoCo Warp compute. Lives differ between devices, because random numbers and
+        rounding do.
+      backend: Library that computes the paper's brain: "torch", or "numba", which also computes the
+        kinematic simulator (docs/performance.md). Lives differ by rounding.
+      signals: Observation set of agents: "paper", or "raw" with smell and reward before they
+        saturate (see `agents.senses`). Brains have `raw_signals` and `raw_reward` instead.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
-      life: A user's own life; None for those of `tasks.lives.LIVES`.
+      life: Life that the user defines; None if all lives are those of `tasks.lives.LIVES`.
     """
 
     seed: int = whole(1, 0, 2**128 - 1)

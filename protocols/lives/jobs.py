@@ -58,8 +58,8 @@ class Job(Protocol):
 
         Args:
           stop: Function that returns whether the job must stop.
-          report: Function that is called about twice a second with the amount of work done so far,
-            in the unit of `cost`, and a message.
+          report: Function of the amount of work done, in the unit of `cost`, and a message; called
+            about twice a second.
 
         Returns:
           Whether the work is done and its file is written.
@@ -113,9 +113,8 @@ class CohortJob:
 
     Attributes:
       directory: Folder of the run, an absolute path.
-      experiment: Experiment that decides the robots' lives.
-      keys: Condition and number of each cohort: one, or several of a task whose robots share the
-        physics.
+      experiment: Seed, cohort size, body, brain and other fields that decide the lives.
+      keys: Condition and number of each cohort: one, or several of one task that share the physics.
       save_every: Wall-clock seconds between two checkpoints.
     """
 
@@ -216,10 +215,10 @@ def execute(
     Args:
       what: Description of the jobs, shown next to the progress bar.
       jobs: Jobs to run, the longest first.
-      executor: Executor that runs the jobs.
-      finished: Function that is called with each job as soon as the job is done.
-      watcher: Function that is called several times a second.
-      quiet: Whether to show nothing.
+      executor: `Local` or `RayCluster`, which runs the jobs in processes.
+      finished: Function that is called with each job as soon as it is done.
+      watcher: Function that is called several times a second, for example to update a log.
+      quiet: Whether to show no progress.
 
     Raises:
       Interrupted, RunError: see `Executor`.

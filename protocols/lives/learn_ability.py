@@ -18,7 +18,7 @@ def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray
     Args:
       pre: Time in contact, or in the spot, before training, in any unit, shape (n,).
       post: Time in contact, or in the spot, after training, in the same unit, shape (n,).
-      wanted: False for wall contact, True for time in the spot.
+      wanted: Whether the event is wanted: False for contact, True for being in the spot.
 
     Returns:
       L in [-1, 1], shape (n,); NaN where both times are zero (genius or ignorant).
@@ -45,8 +45,8 @@ def classes(abilities: Sequence[float] | np.ndarray, exact: bool = False) -> lis
 
     Args:
       abilities: L of each robot, shape (n,); NaN for a genius or an ignorant.
-      exact: Whether exact values are classed; otherwise L is first rounded to two decimals, so
-        that a robot whose times differ by less than 1 % has L = 0.
+      exact: Whether robots are classed by their exact L; otherwise L is first rounded to two
+        decimals, so that times that differ by less than 1 % give L = 0.
     """
     values = np.asarray(abilities, dtype=float)
     return [category(ability) for ability in (values if exact else np.round(values, DECIMALS))]
@@ -57,11 +57,11 @@ class Summary:
     """A column of table 1 or 2.
 
     Attributes:
-      counts: Number of robots in each of `CATEGORIES`.
+      counts: Number of robots in each class, in the order of `CATEGORIES`.
       mean: Mean L of the robots that have a Learn Ability; NaN if none has.
       deviation: Standard deviation of L over the robots that have a Learn Ability.
-      post_share: Mean share of the test after training in contact, or in the spot, over all valid
-        robots.
+      post_share: Mean share of time in contact, or in the spot, in the test after training, over
+        all valid robots.
       invalid: Number of robots whose simulation became unstable; they count nowhere else.
     """
 

@@ -32,7 +32,7 @@ class Local:
     """Executor that runs jobs on this machine's cores.
 
     Attributes:
-      processes: Number of jobs that run at a time.
+      processes: Largest number of jobs that run at a time.
     """
 
     processes: int
@@ -125,7 +125,7 @@ def stop_on_signals() -> Iterator[StopRequest]:
 def handling(
     handler: Callable[[int, Any], None] | signal.Handlers, *numbers: signal.Signals
 ) -> Iterator[None]:
-    """Lets a handler receive signals; only the main thread has them, others change nothing.
+    """Lets a handler receive signals in this context; does nothing outside the main thread.
 
     A hang-up that is ignored, as with `nohup`, stays ignored.
     """

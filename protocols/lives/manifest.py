@@ -100,11 +100,11 @@ def check_identity(
     """Checks that a file or a folder is of the experiment, or of the study, that is wanted.
 
     Args:
-      path: File or folder.
-      held: Values that it stores, by name: plain data or dataclasses. Parameters of an experiment
-        that did not exist when it was written have their defaults.
-      wanted: Values that are wanted of it; it may store others besides.
-      what: What the file describes, in words for the message: "a run".
+      path: File or folder, which the message names.
+      held: Values that it stores, by name: plain data or dataclasses. Fields of an experiment that
+        it lacks count as their defaults.
+      wanted: Values that it must store, by name; it may store others.
+      what: What it describes, for the message, such as "a run".
 
     Raises:
       DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
@@ -144,7 +144,7 @@ def check_physics(directory: Path) -> None:
 
 
 def same_physics(directory: Path) -> bool:
-    """Returns whether a run that `read_manifest` reads has this version's physics."""
+    """Returns whether a run was simulated in the physics of this version."""
     content = read_json(directory / MANIFEST)
     experiment = experiment_from(content["experiment"])
     # Each version of these compilers rounds in its own way.

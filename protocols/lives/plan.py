@@ -29,7 +29,7 @@ class Plan:
     """The robots of an experiment that are wanted.
 
     Attributes:
-      experiment: Experiment that decides the robots' lives.
+      experiment: Seed, cohort size, body, brain and other fields that decide the lives.
       robots: Number of robots in each condition, a multiple of the cohort size.
     """
 
@@ -179,7 +179,7 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
 
     Args:
       plan: Robots that are to be simulated.
-      at_once: Number of jobs that the machine runs at a time.
+      at_once: Largest number of jobs that the machine runs at a time.
       whole: All robots that the results will have; None for those of `plan`.
     """
     size, whole = plan.experiment.cohort_size, whole or plan
@@ -193,10 +193,10 @@ def check_agent_memory(plan: Plan, condition: Condition, state: float, weights: 
     """Raises InputError where an agent needs more memory than the machine has.
 
     Args:
-      plan: Plan of the run.
-      condition: Condition of the agent.
-      state: Bytes of a robot's state, which is copied while it is written.
-      weights: Bytes of a robot's weights, which are kept before and after training.
+      plan: Plan of the run, which has the cohort size and the number of robots.
+      condition: Condition whose robots the agent drives.
+      state: Bytes of one robot in `Agent.state`, of which copies exist while it is written.
+      weights: Bytes of one robot in `Agent.weights`, kept before and after training.
     """
     robots, size = plan.robots[condition], plan.experiment.cohort_size
     _check_fits(f"a cohort of {condition}", _COPIES * size * state)

@@ -38,8 +38,8 @@ class Lives:
       minutes: Number of control steps in contact, or in the spot, in each of M simulated minutes,
         shape (N, M).
       valid: False for a robot whose simulation became unstable, shape (N,).
-      before: Networks before training, each of shape (N, ...).
-      after: Networks after training, each of shape (N, ...).
+      before: Weights before training, by name, each of shape (N, ...); empty if not kept.
+      after: Weights after training, by name, each of shape (N, ...); empty if not kept.
     """
 
     events: np.ndarray
@@ -103,11 +103,11 @@ def lives_shapes(
     """Returns the dtype and the shape that each array of lives must have, by `Lives.arrays`.
 
     Args:
-      experiment: Experiment of the robots.
-      condition: Condition of the robots.
+      experiment: Experiment, which decides durations and networks.
+      condition: Condition, which decides the life and the kind of agent.
       robots: Number of robots, N.
       found: Dtypes and shapes in a file, which decide those of the weights of a user's agent.
-      networks: Whether the networks are among the arrays.
+      networks: Whether networks are among the arrays; False for a run kept without them.
     """
     minutes = len(experiment.life_of(condition.task).steps_of_minutes())
     wanted: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -161,11 +161,11 @@ class Robot:
     """A robot, a row of robots.csv. In a life without tests all that tests measure is empty.
 
     Attributes:
-      task: Task of the robot.
+      task: Name of the robot's life, such as "spot_finding".
       proposer: Proposer of the robot's actions, or the factory of its agent.
-      seed: Seed of the experiment.
-      cohort: Number of the robot's cohort within the condition.
-      robot: Number of the robot within the condition.
+      seed: Seed of the experiment, equal for all robots of a run.
+      cohort: Number of the robot's cohort within the condition, from 0.
+      robot: Number of the robot within the condition, from 0.
       t_pre_s: Time in contact, or in the spot, in the test before training, in [s].
       t_post_s: Time in contact, or in the spot, in the test after training, in [s].
       learn_ability: Learn Ability L (Eq. 4); NaN (an empty cell) for a genius, an ignorant or an
@@ -194,7 +194,7 @@ class ConditionResults:
     """The results of all N robots of a condition, rows in the order of the robots' numbers.
 
     Attributes:
-      robots: Each of the N robots.
+      robots: Rows of the N robots in robots.csv.
       curves: Share of each of M simulated minutes in contact, or in the spot, shape (N, M).
       networks: Networks before and after training, each of shape (N, ...); empty if the agent has
         no weights.
@@ -249,8 +249,8 @@ class Run:
 
     Attributes:
       name: Name of the run's folder.
-      experiment: Experiment that decided the robots' lives.
-      results: Results of the robots, by condition.
+      experiment: Seed, cohort size, body, brain and other fields that decided the lives.
+      results: Results by condition, in the order of the tables.
       exact_classes: Whether the tables class robots by their exact L. If False, L is first rounded
         to two decimals.
     """

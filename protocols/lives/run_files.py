@@ -68,7 +68,7 @@ def planned(directory: Path) -> Plan | None:
 
 
 def write_results(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes what was measured, and its export before it: so the export is never an older one."""
+    """Writes robots.csv, then what was measured, so that robots.csv is never the older one."""
     export_robots(directory, experiment, measured)
     arrays = {
         f"{condition}/{name}": array
@@ -95,9 +95,9 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
 
     Args:
       directory: Folder of the run.
-      experiment: Experiment of the run.
-      networks: Whether the networks are read; otherwise, and in a run that is kept without them,
-        `before` and `after` are empty.
+      experiment: Experiment of the run, which the file must name.
+      networks: Whether the networks are read; otherwise, and in a run kept without them, `before`
+        and `after` are empty.
 
     Raises:
       DamagedFileError: the file is damaged, or of another experiment.
@@ -160,7 +160,7 @@ def read_run(
       name: Name of the run; empty for the folder's name.
       replay: Whether the run's brains will drive robots again; a notice then warns of a physics
         that differs from this version's.
-      networks: Whether the networks are read, too. A finished run may be kept without them.
+      networks: Whether to read the networks, too; must be False for a run kept without them.
 
     Raises:
       InputError: the folder holds no such run or no finished robots, what it holds is damaged, or

@@ -58,11 +58,11 @@ def simulate(
 
     Args:
       directory: Folder of the run: new, empty, or with the same experiment.
-      plan: Plan with the robots that are wanted.
+      plan: Experiment, and the number of robots wanted in each condition.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
       quiet: Whether to show no progress.
-      log: Whether to write the curves for TensorBoard, too.
+      log: Whether to write curves for TensorBoard, too.
 
     Returns:
       The run with all robots of the folder.
@@ -132,7 +132,7 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
 
     Args:
       plan: Plan with the robots that are missing.
-      held: Robots to which they will be added.
+      held: Finished robots, to which the missing ones will be added; None for none.
 
     Raises:
       InputError: there is no such agent, it needs more memory than the machine has, does not

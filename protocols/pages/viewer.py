@@ -138,7 +138,7 @@ class ArrowKeys:
 
 
 def sensing(make: Callable[[], Act]) -> Policy:
-    """Returns a policy that acts on sensor signals by what `make` returns for each episode."""
+    """Returns a policy that acts by the function that `make` returns for each episode."""
     act = make()  # raises InputError before a window opens
 
     def policy(timestep: dm_env.TimeStep) -> np.ndarray:

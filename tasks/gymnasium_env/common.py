@@ -67,7 +67,7 @@ LIFE_INFO: Mapping[str, str] = {
 
 
 def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
-    """Returns the definition of a task, see `task_name`, or of the keyword `life`, which it takes.
+    """Returns the definition of a task, see `task_name`; "life" takes the keyword `life`.
 
     Raises TypeError for an unknown keyword.
     """

@@ -41,8 +41,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Initialises the environment.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`.
-          render_mode: "rgb_array", "depth_array", "rgbd_tuple", "human" for a window, or None.
+          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life".
+          render_mode: "rgb_array", "depth_array", "rgbd_tuple" (see `render`), "human" for a
+            window, or None.
           camera: Name of the camera: "overhead", "corner", "follow" or "eye".
           width: Width of the picture in pixels.
           height: Height of the picture in pixels.
@@ -106,7 +107,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
           seed: Seed of the random stream; None continues it.
-          options: `robot` and `spot` of this episode, in place of the task's; or None.
+          options: Places `robot` and `spot` in this episode; None for those of the task.
 
         Returns the observation, shape (S,), and the entries of `INFO`. Raises TypeError for an
         unknown option, ValueError for a place outside the arena or inside an obstacle.

@@ -73,7 +73,7 @@ class ArenaVectorEnv(RobotAttributes):
         """Initialises the batch.
 
         Args:
-          task: Name of a task, see `musebot.ALL_TASKS`.
+          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life".
           num_envs: Number of robots, B.
           max_episode_steps: Length of an episode in control steps; None or -1 for endless ones.
           autoreset_mode: Start of the next episode. NEXT_STEP: the next call of `step` starts
@@ -83,7 +83,7 @@ class ArenaVectorEnv(RobotAttributes):
             episodes have ended, with `reset(options={"reset_mask": mask})`.
           threads: Number of threads that step the physics; 0 for the calling thread. Results do
             not depend on it.
-          render_mode: "rgb_array" or None.
+          render_mode: "rgb_array" for pictures by `render`; None for no pictures.
           **kwargs: Keywords of the task (`robot`, `spot`, `nose`, `life`, see `ArenaEnv`), of its
             pictures (`camera`, `width`, `height`, see `ArenaEnv`), and `backend`: "mujoco", or
             "warp" for MuJoCo Warp on the default device of PyTorch, in single precision.
@@ -146,9 +146,9 @@ class ArenaVectorEnv(RobotAttributes):
         Args:
           seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
             continues a robot's random stream.
-          options: `robot` and `spot` of these episodes, in place of the task's; and `reset_mask`,
-            the robots that start an episode, Booleans of shape (B,); all by default, and before the
-            first reset and after a PhysicsError.
+          options: Places `robot` and `spot` in these episodes, in place of the task's; and
+            `reset_mask`, Booleans of shape (B,), the robots that start an episode. All (default)
+            must start at the first reset, after a PhysicsError and in a life.
 
         Returns the observations of all robots, shape (B, S), and the entries of `INFO`. Raises
         TypeError for an unknown option, ValueError for another number of seeds, a wrong mask or an

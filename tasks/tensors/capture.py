@@ -21,13 +21,13 @@ def captures(device: torch.device) -> bool:
 
 
 def capture(work: Work, device: torch.device, generator: torch.Generator | None = None) -> Work:
-    """Returns a function that does work captured as a CUDA graph; it is not done now.
+    """Captures work as a CUDA graph, without doing it, and returns a function that does it.
 
     Args:
-      work: Work that has been done before. It reads and overwrites tensors that keep their places,
-        and no number of them on the host.
-      device: Device of the tensors.
-      generator: Random stream that the work uses; a replay continues it.
+      work: Function that was called before. It changes tensors in place, and reads no number of
+        them on the host.
+      device: CUDA device of the tensors.
+      generator: Random stream from which the work draws; a replay continues it.
     """
     with torch.cuda.device(device):
         graph = torch.cuda.CUDAGraph()
@@ -44,7 +44,7 @@ class Captured:
     def __init__(
         self, work: Work, device: torch.device, generator: torch.Generator | None = None
     ) -> None:
-        """Takes what `capture` takes."""
+        """Takes the arguments of `capture`."""
         self._work = work
         self._device = device
         self._generator = generator

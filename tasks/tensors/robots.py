@@ -148,7 +148,7 @@ class KinematicTensors(TensorRobots):
 
 
 class Part(Robots):
-    """Some of the robots of a larger batch, `whole`, which takes their steps: its `rows`."""
+    """The robots in the `rows` of a larger batch, `whole`, which takes their steps."""
 
     def __init__(self, whole: TensorRobots, first: int, robots: int) -> None:
         """Takes robots first to first + robots - 1 of a batch."""
@@ -192,7 +192,7 @@ class Part(Robots):
 
 
 def parts(whole: TensorRobots, count: int) -> list[Part]:
-    """Returns a batch as so many parts of equal size; ValueError if that cannot be."""
+    """Splits a batch into `count` equal parts; ValueError if its size is not divisible."""
     robots, left = divmod(whole.robots, count)
     if left:
         raise ValueError(f"{whole.robots} robots cannot be {count} equal parts")

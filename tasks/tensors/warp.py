@@ -38,7 +38,7 @@ class WarpEngine:
     """Physics steps of B robots on the default device of PyTorch.
 
     Attributes:
-      device: Device, as PyTorch names it.
+      device: Default device of PyTorch when the engine was made.
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
@@ -85,7 +85,7 @@ class WarpEngine:
 
         Args:
           state: Time, qpos and qvel, shape (B, 1 + nq + nv).
-          control: Motor values and centres of the spots, shape (B, nu + 3).
+          control: Motor values, then x, y, z of the spot's centre, shape (B, nu + 3).
         """
         nq, nu = self._position.shape[1], self._motors.shape[1]
         self._position.copy_(state[:, 1 : 1 + nq])
@@ -136,10 +136,9 @@ class WarpEngine:
 class WarpBatch(Batch):
     """B robots in MuJoCo Warp on the default device of PyTorch, with arrays of NumPy.
 
-    All but the physics steps is the `Batch`'s: rules, placements, pictures, states. Robots
-    differ from those of a `Batch` by rounding (docs/physics.md); copies are made on the default
-    device. Raises ModuleNotFoundError where
-    MuJoCo Warp is not installed, NotImplementedError where it cannot simulate the arena.
+    Only the physics steps differ from those of a `Batch`, by rounding (docs/physics.md). Copies are
+    made on the default device. Raises ModuleNotFoundError where MuJoCo Warp is not installed,
+    NotImplementedError where it cannot simulate the arena.
     """
 
     def __init__(self, model: mujoco.MjModel, rules: Rules, robots: int) -> None:

@@ -61,11 +61,11 @@ class OnlineLearner(Agent):
     Attributes:
       robots: Number of robots, B.
       inputs: Number I of inputs of a network, one for each signal.
-      generator: Random stream of all robots.
+      generator: Random stream that all robots share.
       setting: Each setting by name: a number, or, where robots differ, a tensor of shape (B,).
-      discount: The setting of this name.
-      now: Tensors of this step by name, "inputs" of shape (B, I) and those of `pair`.
-      before: The same tensors of the step before.
+      discount: Setting `discount`, a number or a tensor of shape (B,).
+      now: Tensors of this step by name: "inputs", shape (B, I), and those that `pair` registered.
+      before: The same tensors of the previous step.
     """
 
     def __init__(

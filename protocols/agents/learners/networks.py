@@ -29,14 +29,14 @@ class LayeredNetworks:
         hidden: Hidden = F.leaky_relu,
         last_hidden: Hidden | None = None,
     ) -> None:
-        """Draws weights from U(-1/sqrt(I), 1/sqrt(I)), as PyTorch does; biases are 0, unlike its.
+        """Draws weights from U(-1/sqrt(I), 1/sqrt(I)), as PyTorch does, and sets biases to 0.
 
         Args:
           robots: Number B of networks.
           sizes: Numbers of inputs, of neurons of each hidden layer, and of outputs.
-          generator: Random stream.
-          hidden: Function of the sums of a hidden layer.
-          last_hidden: Function of the sums of the last hidden layer; None for `hidden`.
+          generator: Random stream of the initial weights.
+          hidden: Activation function of the hidden layers.
+          last_hidden: Activation function of the last hidden layer; None for `hidden`.
         """
         self._hidden = [hidden] * (len(sizes) - 3) + [last_hidden or hidden]
         self._shapes = [shape for i, o in pairwise(sizes) for shape in ((o, i), (o,))]
@@ -51,8 +51,8 @@ class LayeredNetworks:
         """Evaluates each robot's network.
 
         Args:
-          inputs: Inputs, shape (B, I), or (B, N, I) for N inputs a robot.
-          flat: Weights and biases in place of the networks' own, shape (B, W).
+          inputs: Inputs, shape (B, I), or (B, N, I) for N inputs per robot.
+          flat: Weights and biases to use, shape (B, W); None for the networks' own.
 
         Returns:
           Outputs, shape (B, O) or (B, N, O).
@@ -106,7 +106,7 @@ class Adam:
     """PyTorch's Adam on the weights of B networks, with a learn rate for each robot or for all.
 
     Attributes:
-      tensors: All that it keeps from step to step.
+      tensors: Number of steps and moments, for a checkpoint.
     """
 
     def __init__(self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float) -> None:

@@ -30,7 +30,7 @@ class ObGD:
     numbers, or have one for each robot.
 
     Attributes:
-      traces: Trace of each weight, shape (B, W).
+      traces: Eligibility trace of each weight, shape (B, W).
     """
 
     RATE = 1.0
@@ -81,7 +81,7 @@ class StreamLearner(OnlineLearner):
     depend on the input's sign only.
 
     Attributes:
-      features: Number of a network's inputs, the signals and the 1.
+      features: Number of a network's inputs: the signals and a constant 1.
     """
 
     def __init__(

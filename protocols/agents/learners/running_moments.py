@@ -14,13 +14,13 @@ class Moments:
     """Mean and variance of each robot's values so far, by Welford's method (1962).
 
     Attributes:
-      count: Number of values of each robot.
+      count: Number of values of each robot so far, the prior included.
       mean: Mean of the values; 0 before the first.
-      squares: Sum of squared deviations from the mean.
+      squares: Sum of the values' squared deviations from the mean.
     """
 
     def __init__(self, *shape: int, prior: float = 0.0) -> None:
-        """Begins a stream of values (B, ..), with a prior of so many of mean 0 and variance 1."""
+        """Begins with `prior` values of mean 0 and variance 1; `shape` is (B, ...)."""
         one = shape[0], *[1] * (len(shape) - 1)
         self.count = torch.full(one, prior, dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
@@ -34,7 +34,7 @@ class Moments:
         self.squares += apart * (values - self.mean)
 
     def variance(self, unbiased: bool = True) -> Tensor:
-        """Returns the variance, unbiased with a divisor less by 1; 1 for too few values."""
+        """Returns the variance, with the divisor n - 1 if `unbiased`; 1 for too few values."""
         divisor = self.count - int(unbiased)
         known = (self.count >= 1) & (divisor > 0)
         return torch.where(known, self.squares / torch.where(known, divisor, 1.0), 1.0)
@@ -48,7 +48,7 @@ class Moments:
 
         So no result exceeds the square root of the number of values, not even in a test in which a
         signal varies for the first time. Before the first value is kept, values stay as they are.
-        Tests do not keep them.
+        In tests, `keep` is False.
         """
         if not (keep or (self.count >= 1).any()):
             return values
