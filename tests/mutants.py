@@ -5,8 +5,9 @@
 A mutant is the package with one changed node: an operator, a comparison, a constant, a condition, a
 dropped statement, or a returned argument. It is killed if a test fails, raises or takes four times
 the processor's time that it takes without the mutant. Its module's own tests run first, then those
-that import the module. Each run is a process that is forked from one that has imported the
-libraries, so that it costs the time of its tests. Not part of the suite.
+that import the module, those of its folder, golden runs, and slow tests of all these. Each run is a
+process that is forked from one that has imported the libraries, so that it costs the time of its
+tests. Not part of the suite.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import ast
 import contextlib
 import copy
 import importlib
+import itertools
 import os
 import random
 import re
@@ -45,9 +47,9 @@ AREAS = {
     "compare": "protocols/compare/*.py",
     "cli": "protocols/cli/*.py",
 }
-MOST_TESTS = 6  # files of tests that are tried for a mutant
-# Tests of all modules of a folder, which are tried, too.
-ALSO = {"controller": ["controller/test_fields.py", "controller/test_brains.py"]}
+MARKS = "not slow and not night", "slow and not night"  # tests that are tried first, and then
+# Folders of the tests of modules at the root of the package and of `protocols`.
+ROOT_TESTS = "controller", "cli", "faults"
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -147,16 +149,20 @@ def tests_of(module: str) -> list[str]:
     path = Path(module.removeprefix("protocols/"))
     own = folder / path.with_name(f"test_{path.name}")
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
-    files = [*filter(Path.exists, [own]), *sorted(others, key=lambda path: path.stat().st_size)]
-    chosen = [str(path.relative_to(folder)) for path in dict.fromkeys(files)][:MOST_TESTS]
-    return [*dict.fromkeys(chosen + ALSO.get(str(path.parent), []))]
+    tops = path.parts[:1] if len(path.parts) > 1 else ROOT_TESTS
+    near = [path for top in tops for path in (folder / top).rglob("test_*.py")]
+    files = [*filter(Path.exists, [own])]
+    for group in (others, near):
+        files += sorted(group, key=lambda path: path.stat().st_size)
+    return [*dict.fromkeys(str(path.relative_to(folder)) for path in files), "test_golden.py"]
 
 
-def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, float]:
+def run_tests(copied: Path, test: str, marks: str, limit: int, log: Path) -> tuple[int, float]:
     """Runs a test file in a fork, for at most `limit` s of processor time.
 
     Returns:
-      Exit status of pytest, negative if the run was ended at the limit, and its processor time.
+      Exit status of pytest, 0 if there was no test, negative if the run was ended at the limit, and
+      its processor time.
     """
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     child = os.fork()
@@ -171,9 +177,10 @@ def run_tests(copied: Path, test: str, limit: int, log: Path) -> tuple[int, floa
         os.environ["PYTHONPATH"] = str(copied.parent)
         import pytest
 
-        arguments = ["-x", "-q", "-m", "not slow and not night", "-p", "no:cacheprovider"]
+        arguments = ["-x", "-q", "-m", marks, "-p", "no:cacheprovider"]
         arguments += ["--rootdir", "tests", "--import-mode=importlib", f"tests/{test}"]
-        os._exit(int(pytest.main(arguments)))
+        status = int(pytest.main(arguments))
+        os._exit(0 if status == pytest.ExitCode.NO_TESTS_COLLECTED else status)
     deadline = time.monotonic() + 20 * limit
     found, status = 0, 0
     while not found and time.monotonic() < deadline:
@@ -222,15 +229,17 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
     log, limits, killed = copied.parent / "log", {}, 0
     for module, what, text in sorted(chosen):
         status, spent = 0, 0.0
-        for test in tests_of(module):
-            if test not in limits:
-                status, seconds = run_tests(copied, test, 600, log)
+        for marks, test in itertools.product(MARKS, tests_of(module)):
+            if (marks, test) not in limits:
+                status, seconds = run_tests(copied, test, marks, 600, log)
+                limits[marks, test] = 0 if status else round(4 * seconds + 10)
                 if status:
-                    sys.exit(f"{test} fails without a mutant:\n{log.read_text()}")
-                limits[test] = round(4 * seconds + 10)
+                    print(f"left out, it fails without a mutant: {test}\n{log.read_text()[-600:]}")
+            if not limits[marks, test]:
+                continue
             original = (copied / module).read_text()
             (copied / module).write_text(text)
-            status, seconds = run_tests(copied, test, limits[test], log)
+            status, seconds = run_tests(copied, test, marks, limits[marks, test], log)
             (copied / module).write_text(original)
             spent += seconds
             if status:
