@@ -236,6 +236,7 @@ def _area(area: str, copied: Path, options: argparse.Namespace) -> tuple[int, in
                 if status:
                     print(f"left out, it fails without a mutant: {test}\n{log.read_text()[-600:]}")
             if not limits[marks, test]:
+                status = 0
                 continue
             original = (copied / module).read_text()
             (copied / module).write_text(text)
