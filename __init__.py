@@ -52,15 +52,14 @@ def load(
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
 ) -> Environment:
-    """Returns an environment, with the signature of `dm_control.suite.load`.
+    """Returns a task's dm_control environment; called like `dm_control.suite.load`.
 
     Args:
-      domain_name: Name of the domain, such as "arena": the first half of an entry of `ALL_TASKS`.
-      task_name: Name of the task, such as "wall_avoidance": the second half of an entry of
-        `ALL_TASKS`.
-      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see docs/tasks.md.
-      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
-        [s].
+      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one long episode.
+      task_name: Name of a task in `ALL_TASKS`; in the domain "life", of a life, such as "drift".
+      task_kwargs: Keyword arguments of the task, such as {"random": 1}; see docs/tasks.md.
+      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
+        `time_limit`, the length of an episode in [s].
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:
@@ -73,21 +72,22 @@ def load(
 
 
 def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
-    """Simulates all robots that a folder does not hold yet, as the command `musebot run` does.
+    """Starts or continues a run, as the command `musebot run` does.
 
     Args:
-      out: Folder of the run: a new one, or that of a run to continue.
-      quiet: Whether to show no progress.
+      out: Folder of the run: a new folder, or the folder of a run to continue.
+      quiet: Whether to hide the progress display.
       **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
         see `protocols.cli.run.run`.
 
     Returns:
-      The run with all robots of the folder.
+      The run with all robots in its folder, those of earlier calls included.
 
     Raises:
       TypeError: An option is unknown.
       ModuleNotFoundError: The extra `brain` is not installed.
-      protocols.errors.InputError: A value is invalid, or the folder holds something else.
+      protocols.errors.InputError: A value is invalid, or the folder holds another experiment or
+        files that are no run.
     """
     with _brain_needed():
         return _protocol("cli.run").run(out, quiet=quiet, **options)
@@ -103,20 +103,20 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
-        it holds is damaged.
+        it holds is damaged, or lacks the networks.
     """
     with _brain_needed():
         return _protocol("lives.run_files").read_run(pathlib.Path(out), networks=networks)
 
 
 def _protocol(module: str) -> Any:
-    """Imports a module of `protocols` by name: they import this module's version."""
+    """Imports a module of `protocols` late: those modules import `__version__` from this one."""
     return importlib.import_module(f"{__name__}.protocols.{module}")
 
 
 @contextlib.contextmanager
 def _brain_needed() -> Iterator[None]:
-    """Adds to the error of a missing package which extra installs it."""
+    """Adds the name of the extra that installs a missing package to its error."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -130,15 +130,16 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
 
     Args:
       name: Name of the task, such as "my_task".
-      rules: Class with the task's observations, reward and measured event.
-      **settings: Further fields of `tasks.arena.TaskDefinition`.
+      rules: Subclass of `tasks.rules.Rules` with the task's observations, reward and event.
+      **settings: Further fields of `tasks.arena.TaskDefinition`, such as `time_limit`.
 
     Returns:
       The task's Gymnasium id, such as "musebot/MyTask-v0".
 
     Raises:
-      TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is taken or has another form, or a setting is out of range.
+      KeyError: The arena lacks a sensor.
+      TypeError: A setting is unknown, or `rules` is not such a class.
+      ValueError: The name is taken or not like "my_task", or a setting is out of range.
     """
     from .tasks import own_tasks
 

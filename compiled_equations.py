@@ -54,7 +54,7 @@ def logistic(x):
 def ideas(net, state, pool, rows, hidden, motors):
     """Writes the memory's ideas into `motors`, (2, A); see `CreativeMemory.ideas`.
 
-    Row a of `rows` is the pattern of idea a in the pool; `hidden` is scratch space, (H, A).
+    Idea a has the noise pattern in row `rows[a]` of `pool`; `hidden` is scratch space, (H, A).
     """
     neurons, count = hidden.shape
     width = state.size
@@ -145,7 +145,7 @@ def scratch(inputs, neurons, count):
 
 @_brain
 def act(nets, space, state, draws, robot, now):
-    """Selects a robot's action among proposed ones, and records it in its row of `now`."""
+    """Selects a robot's action among proposed ones, and records it in the robot's row of `now`."""
     evaluation, memory, (pool, fixed) = nets[:3]
     rows, actions, exploring = draws
     motors, hidden, values, (patterns, each) = space
@@ -170,7 +170,7 @@ def act(nets, space, state, draws, robot, now):
 
 @_brain
 def learn(nets, space, reward, robot, before, now):
-    """Trains a robot's networks: the values by step `before` (Eq. 1), the memory (section 3).
+    """Trains a robot's networks on step `before`: evaluation (Eq. 1) and memory (section 3).
 
     Returns the TD error.
     """
@@ -203,7 +203,7 @@ def act_all(nets, neurons, state, draws, now):
 
 @_brain
 def learn_all(nets, neurons, reward, before, now, error):
-    """Lets all robots learn."""
+    """Trains the networks of all robots, and writes the TD errors into `error`, shape (B,)."""
     _, space = scratch(before[0].shape[1], neurons, 1)
     for robot in range(len(reward)):
         error[robot] = learn(nets, space, reward[robot], robot, before, now)
@@ -223,7 +223,7 @@ def _share(start, step, room):
 
 @_body
 def drive(size, how, pose, left, right):
-    """Moves a robot along one path; see `models.kinematic.drive`. Returns whether it pushes."""
+    """Moves a robot along a path as `models.kinematic.drive`; returns whether it pushes a wall."""
     length, width, base, speed = size[:4]
     refuses, _, arc, seconds, _ = how
     turn = (right - left) * speed / base * seconds
@@ -247,7 +247,7 @@ def drive(size, how, pose, left, right):
 def move(size, how, pose, left, right):
     """Moves a robot for a control step; see `tasks.kinematic.after_control_step`.
 
-    Returns whether it is in contact.
+    Returns whether the robot is in contact.
     """
     pushing = False
     for _ in range(how[4]):
@@ -274,7 +274,7 @@ def measure(size, pose, spot, touch, sensors):
 
 @_body
 def sense(task, sensors, state):
-    """Writes a robot's state, shape (S,); returns its reward, and whether the event holds.
+    """Writes a robot's state, shape (S,); returns its reward, and whether the measured event holds.
 
     `task` says whether the robot senses the spot, the walls, or both.
     """
@@ -306,13 +306,15 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Tuples of numbers: of robot and arena, of `Kinematics`, and of the task.
+      world: Three tuples of numbers, for robot and arena, for `Kinematics` and for the task, as
+        `protocols.lives.compiled.world_of` returns them.
       robots: Arrays of a `KinematicBatch`, changed in place: poses, wheels, touch, spots, sensor
         data, validity.
-      brain: `nets` and `neurons` of a `CompiledNeurocontroller`, and its present step, `now`.
+      brain: `nets`, `neurons` and `now`, the present step, of a `CompiledNeurocontroller`.
       draws: Random numbers of K steps, which `CompiledNeurocontroller.draw` returned.
       learning: Whether the brains learn in each step.
-      counts: Number of steps with the event so far, shape (B,); increased in place.
+      counts: Number of steps in which each robot's measured event has held so far, shape (B,);
+        increased in place.
     """
     size, how, task = world
     poses, wheels, touch, spots, sensordata, valid = robots

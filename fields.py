@@ -10,7 +10,7 @@ Example:
 
     Settings(speed=0)  # speed must be a number in (0, 10] m/s, got 0
 
-An object that says which values are allowed is a container of them; `str` describes them.
+The allowed values of a field are a container (`value in allowed`); its `str` describes them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any, get_args
 
 @dataclasses.dataclass(frozen=True)
 class Flag:
-    """True and false."""
+    """The values True and False."""
 
     def __contains__(self, value: Any) -> bool:
         return type(value) is bool
@@ -49,7 +49,7 @@ class Choice:
 
 @dataclasses.dataclass(frozen=True)
 class Text:
-    """Strings that match a pattern as a whole; `words` describes them."""
+    """Strings that match the regular expression `pattern` as a whole; `words` describes them."""
 
     pattern: str
     words: str
@@ -96,7 +96,7 @@ class Number:
 
 @dataclasses.dataclass(frozen=True)
 class Several:
-    """Tuples of 1 to `most` values, which `each` contains."""
+    """Tuples of 1 to `most` values, each of them in the container `each`."""
 
     each: Container[Any]
     most: int
@@ -111,20 +111,20 @@ class Several:
 
 
 def field(default: Any, allowed: Container[Any], unit: str = "", reason: str = "") -> Any:
-    """Returns a dataclass field that allows certain values; see `whole`, `number` and so on.
+    """Returns a dataclass field that allows the values in `allowed`; see `whole` and `number`.
 
     Args:
-      default: Default value; None also allows None as a value.
-      allowed: Container of the allowed values, such as `Number(0, 1)`; `str` describes them.
+      default: Default value; if it is None, the field also accepts None.
+      allowed: Container of the allowed values, such as `Number(0, 1)`; its `str` describes them.
       unit: Unit of the value, such as "m/s"; "" for none.
-      reason: Reason for the range, kept in the field's metadata; "" if it is plain.
+      reason: Reason for the range, kept in the field's metadata; "" if it is obvious.
     """
     notes = {"allowed": allowed, "optional": default is None, "unit": unit, "reason": reason}
     return dataclasses.field(default=default, metadata=notes)
 
 
 def flag(default: bool | None, **notes: str) -> Any:
-    """Returns a dataclass field that is true or false; `notes` are those of `field`."""
+    """Returns a dataclass field that is true or false; `notes`: unit and reason, see `field`."""
     return field(default, Flag(), **notes)
 
 
@@ -147,11 +147,11 @@ def number(default: float | None, low: float, high: float, ends: str = "[]", **n
     """Returns a dataclass field of a number from `low` to `high`.
 
     Args:
-      default: Default value; None also allows None as a value.
+      default: Default value; if it is None, the field also accepts None.
       low: Lower end of the range, itself allowed unless `ends` excludes it.
       high: Upper end of the range, itself allowed unless `ends` excludes it.
       ends: Brackets of the range, such as "(]"; a round bracket excludes its end.
-      **notes: Unit and reason, as for `field`.
+      **notes: `unit` and `reason`, as for `field`.
     """
     return field(default, Number(low, high, ends), **notes)
 
@@ -159,12 +159,12 @@ def number(default: float | None, low: float, high: float, ends: str = "[]", **n
 def numbers(
     default: tuple[float, ...] | None, low: float, high: float, most: int, **notes: str
 ) -> Any:
-    """Returns a dataclass field of 1 to `most` numbers from `low` to `high`."""
+    """Returns a dataclass field of a tuple of 1 to `most` numbers from `low` to `high`."""
     return field(default, Several(Number(low, high), most), **notes)
 
 
 class Checked:
-    """Base of frozen dataclasses: checks the declared fields of every new instance."""
+    """Base class of frozen dataclasses: checks the declared fields of every new instance."""
 
     def __post_init__(self) -> None:
         """Raises ValueError where a value is not allowed."""
@@ -172,7 +172,7 @@ class Checked:
 
 
 def check(instance: Any) -> None:
-    """Checks all declared fields of a dataclass instance; numbers of NumPy become Python's.
+    """Checks all declared fields of a dataclass instance; NumPy scalars become Python numbers.
 
     Raises:
       ValueError: A value is not allowed, for example
@@ -185,7 +185,7 @@ def check(instance: Any) -> None:
 
 
 def checked(one: dataclasses.Field[Any], value: Any) -> Any:
-    """Returns a value of a declared field; a number of NumPy becomes Python's.
+    """Returns a declared field's value if it is allowed; a NumPy scalar becomes a Python number.
 
     Raises:
       ValueError: The value is not allowed.
@@ -201,7 +201,7 @@ def checked(one: dataclasses.Field[Any], value: Any) -> Any:
 
 
 def described(one: dataclasses.Field[Any]) -> str:
-    """Returns which values a declared field allows: "a number in (0, 10] m/s or none"."""
+    """Describes the values that a field allows, such as "a number in (0, 10] m/s or none"."""
     notes = one.metadata
     words = [str(notes["allowed"]), notes["unit"], "or none" if notes["optional"] else ""]
     return " ".join(filter(None, words))

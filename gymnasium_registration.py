@@ -29,7 +29,7 @@ LIFE_ID = "musebot/Life-v0"
 def register_gymnasium() -> None:
     """Registers the tasks for `gymnasium.make("musebot/WallAvoidance-v0")`.
 
-    Importing musebot calls this: Gymnasium 1.x has no plugins, so that a package registers its
+    Importing musebot calls this: Gymnasium 1.x has no plugins, so a package must register its
     environments when it is imported. Only the names are registered; no environment is loaded.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The named brains: the paper's, and `steady` with the ingredients that it adds."""
+"""The named brains: the paper's, `steady`, `steady` without one ingredient, and `recurrent`."""
 
 from __future__ import annotations
 

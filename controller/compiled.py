@@ -1,4 +1,4 @@
-"""The paper's brain, compiled: the same parameters, draws and state, other rounding."""
+"""The paper's brain, compiled by Numba: equal to the brain in PyTorch, up to rounding."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from .neurocontroller import Neurocontroller
 
 
 class CompiledNeurocontroller(Neurocontroller):
-    """A `Neurocontroller` on the CPU, compiled by Numba, with the same draws and state.
+    """A `Neurocontroller` on the CPU, compiled by Numba, with the same random numbers and state.
 
     Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
 
     Attributes:
-      nets: Weights of the evaluation networks and of the memories, (pool, fixed connections) of the
-        noise patterns, discount factor and learn rate.
-      neurons: Number of hidden neurons of the evaluation network, then of the memory.
+      nets: Tuple of five: weights of the evaluation networks; weights of the memories; the pair
+        (pool, `fixed`) of the `NoisePatterns`; discount factor; learn rate.
+      neurons: Numbers of hidden neurons: of the evaluation network, of the memory.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -56,9 +56,9 @@ class CompiledNeurocontroller(Neurocontroller):
         return self._steps[not self._swapped]
 
     def begin_steps(self, steps: int, learning: bool) -> int:
-        """Begins up to `steps` steps: fewer if the noise patterns must be redrawn before the end.
+        """Begins `steps` control steps; fewer if the noise patterns must be redrawn earlier.
 
-        Unlike `begin`, it leaves the present step in its place. Returns the number of steps.
+        Unlike `begin`, it leaves the present step in its place. Returns the number of begun steps.
         """
         if self._patterns is not None:
             steps = self._patterns.renew(steps)
@@ -66,12 +66,12 @@ class CompiledNeurocontroller(Neurocontroller):
         return steps
 
     def draw(self, steps: int, explore: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Draws the random numbers of K steps, as `Neurocontroller.select` draws them.
+        """Draws the random numbers of K = `steps` steps, as `Neurocontroller.select` draws them.
 
         Returns:
-          Row of each idea's pattern in the pool, shape (K, B, A), empty without ideas; actions of a
-          random or fixed proposer, shape (K, B, A, 2) or (K, 1, A, 2), else empty; index of each
-          exploratory action, -1 for none, shape (K, B).
+          Row in the pool of each idea's pattern, shape (K, B, A), empty without a memory; actions
+          of a random proposer, shape (K, B, A, 2), or of a fixed one, shape (K, 1, A, 2), else
+          empty; index of each robot's exploratory action, -1 for a greedy robot, shape (K, B).
         """
         robots, count, host = len(self.nets[0]), self._parameters.ideas, torch.device("cpu")
         if self._fixed is not None:

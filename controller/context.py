@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 class EchoContext:
-    """C units per robot that remember what the robot sensed, by fixed random connections.
+    """C recurrent units per robot that remember past signals, by fixed random connections.
 
     In each control step, after the action was selected, the units follow
 
@@ -38,7 +38,7 @@ class EchoContext:
           robots: Number B of robots.
           inputs: Number I of network inputs without the context.
           units: Number C of units.
-          generator: Random stream of the connections.
+          generator: Random stream from which the connections are drawn.
         """
         self.values = torch.zeros(robots, units)
         recurrent = torch.rand(robots, units, units, generator=generator) * 2 - 1
@@ -50,7 +50,7 @@ class EchoContext:
         self._rates = torch.logspace(first, last, units)
 
     def joined(self, inputs: Tensor) -> Tensor:
-        """Returns the network inputs, shape (B, I), followed by the context, shape (B, I + C)."""
+        """Returns one array, shape (B, I + C): the inputs, shape (B, I), then the units' values."""
         return torch.cat([inputs, self.values], dim=1)
 
     def advance(self, inputs: Tensor) -> None:

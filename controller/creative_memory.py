@@ -14,8 +14,8 @@ class CreativeMemory:
 
     Attributes:
       networks: One network for each of B robots.
-      optimizer: `Adam` if the parameters have "adam" and the memory target "best", else `SGD`.
-      patterns: Source of the noise patterns, one for each idea.
+      optimizer: `Adam` if `optimizer` is "adam" and `memory_target` is "best", else `SGD`.
+      patterns: Source of the noise patterns, of which each idea has one.
     """
 
     def __init__(
@@ -24,7 +24,7 @@ class CreativeMemory:
         """Draws the initial networks.
 
         Args:
-          parameters: Parameters, of which those of the memory and of its noise are read.
+          parameters: Parameters of the brain, such as `memory_hidden`, `memory_target` and `noise`.
           robots: Number B of robots.
           inputs: Number I of network inputs for the state.
           generator: Random stream of the initial weights and of the noise.
@@ -54,7 +54,7 @@ class CreativeMemory:
             self.patterns = HeldNoisePatterns(patterns, count, parameters.noise_steps)
 
     def ideas(self, state: Tensor, count: int) -> Tensor:
-        """Returns ideas: actions of the memory, each with its own noise in the connections.
+        """Returns ideas: outputs of the memory, each with its own noise in the connections.
 
         Args:
           state: Network inputs, shape (B, I).
@@ -88,14 +88,14 @@ class CreativeMemory:
         return outputs.sigmoid_() - 0.5
 
     def learn(self, state: Tensor, action: Tensor, factors: Tensor, rate: Rate = 1.0) -> None:
-        """Learns an action by one step of back-propagation on half the squared error.
+        """Learns an action by a step of back-propagation on half the squared error of the outputs.
 
         Args:
           state: Network inputs, shape (B, I).
           action: Motor values to learn, shape (B, 2).
           factors: Factor of each robot's learn rate, shape (B,); negative to unlearn the action, 0
-            for a robot that does not learn. With Adam only 1 or 0.
-          rate: Learn rate, which the factors multiply.
+            for a robot that does not learn. With Adam, only 1 or 0.
+          rate: Learn rate, multiplied by `factors`: a number, or a tensor of shape ().
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()
@@ -106,18 +106,19 @@ class CreativeMemory:
 class NoisePatterns:
     """Noise patterns, one for each idea: which connections are noisy, and the sign of the noise.
 
-    A pattern has exactly n = round(share * N) of N connections at +noise or -noise (1 where a
-    share above 0 would round to 0), and the others at 0; positions and signs are uniform. A pool of
-    `POOL` patterns is drawn at once, every idea takes one of them at random, and the pool is
-    redrawn every `LIFETIME` steps. Each idea has the distribution of an individual draw; for 50
-    robots or more it takes a tenth of the time. Two ideas share a pattern of the pool with a
-    probability of 1 in `POOL`, so they are equal more often than individual draws would be.
+    A pattern has exactly n = round(share * N) of N connections at +noise or -noise (at least 1 if
+    the share is above 0), and the others at 0; positions and signs are uniform. A pool of `POOL`
+    patterns is drawn at once, every idea takes one of them at random, and the pool is redrawn every
+    `LIFETIME` steps. Each idea is distributed as if drawn individually, but the draws of 50 robots
+    or more take a tenth of the time. Two ideas share a pattern of the pool with a probability of 1
+    in `POOL`, so they are equal more often than individual draws would be.
 
-    With fixed connections each robot's are drawn once, and a pattern of the pool holds signs only.
+    With fixed connections, each robot's noisy connections are drawn once; a pattern of the pool
+    then holds only the signs of their noise.
 
     Attributes:
-      fixed: Indices of each robot's noisy connections, int64, shape (B, n); (0, n) if each idea has
-        others.
+      fixed: Indices of each robot's noisy connections, int64, shape (B, n); shape (0, n) if they
+        are drawn anew for each idea.
     """
 
     POOL = 16384
@@ -134,11 +135,12 @@ class NoisePatterns:
         """Prepares patterns; the first `renew` fills the pool.
 
         Args:
-          connections: Number N of connections.
-          share: Share of noisy connections, in [0, 1].
+          connections: Number N of connections of a robot's memory that can be noisy.
+          share: Share of these connections that are noisy in a pattern, in [0, 1].
           noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
-          generator: Random stream from which patterns are drawn.
-          robots: Number of robots with fixed connections; 0 if each idea draws its own.
+          generator: Random stream of all draws: noisy connections, signs, each idea's pattern.
+          robots: Number B of robots if each has fixed noisy connections; 0 if each idea draws its
+            own.
         """
         self.connections = connections
         self.noisy = max(round(share * connections), 1 if share > 0 else 0)
@@ -150,10 +152,10 @@ class NoisePatterns:
         self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
 
     def renew(self, steps: int = 1) -> int:
-        """Redraws the pool if it is old; to be called before each step that draws.
+        """Redraws the pool after `LIFETIME` steps; to be called before each step with draws.
 
         Returns:
-          The number of the next `steps` for which the pool lasts, at least 1.
+          The number of steps for which the pool lasts, from 1 to `steps`.
         """
         if self._age >= self.LIFETIME:
             self._refill()
@@ -170,7 +172,7 @@ class NoisePatterns:
         return drawn.new_zeros(count, self.connections).scatter_(1, own, drawn)
 
     def rows(self, count: int) -> Tensor:
-        """Draws patterns by their numbers in the pool, shape (count,)."""
+        """Draws row numbers of patterns in the pool, shape (count,)."""
         generator, device = self._generator, self._pool.device
         return torch.randint(self.POOL, (count,), generator=generator, device=device)
 
@@ -212,7 +214,7 @@ class HeldNoisePatterns:
         self._left = torch.tensor([0], device="cpu")
 
     def renew(self) -> None:
-        """Draws other patterns if it is time; to be called before each step that draws."""
+        """Redraws the patterns every `steps` steps; to be called before each step with draws."""
         if self._left == 0:
             self._patterns.renew()
             self._held.copy_(self._patterns.draw(len(self._held)))
@@ -221,7 +223,7 @@ class HeldNoisePatterns:
             self._left -= 1
 
     def draw(self, count: int) -> Tensor:
-        """Returns the held patterns, shape (count, N); `count` is the number that is held."""
+        """Returns the held patterns, shape (count, N); `count` must be their number."""
         return self._held.clone()
 
     def tensors(self) -> dict[str, Tensor]:

@@ -25,7 +25,8 @@ class EvaluationNetwork:
         """Draws the initial networks.
 
         Args:
-          parameters: Parameters, of which those of the evaluation network are read.
+          parameters: Parameters of the brain; `evaluation_hidden`, `initial_range`, `activation`
+            and `optimizer` are used.
           robots: Number B of robots.
           inputs: Number I of network inputs for the state.
           generator: Random stream of the initial weights.
@@ -38,7 +39,7 @@ class EvaluationNetwork:
         self.optimizer: Optimizer = Adam(self.networks) if adam else SGD(self.networks)
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
-        """Returns the values of several actions in one state, shape (B, A).
+        """Returns the values of each robot's A actions in its state, shape (B, A).
 
         Args:
           state: Network inputs for the state, shape (B, I).
@@ -63,7 +64,7 @@ class EvaluationNetwork:
           action: Network inputs for the action selected at time t, shape (B, 2).
           target: Target of the value, see `td_target`, shape (B,).
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
-          rate: Learn rate eta.
+          rate: Learn rate eta: a number, or a tensor of shape ().
 
         Returns:
           The TD error, shape (B,); 0 for a robot that does not learn.
@@ -80,18 +81,18 @@ def td_target(
 ) -> tuple[Tensor, Tensor]:
     """Returns the target r + gamma V of Eq. 1, with reward and value at time t + 1.
 
-    The paper's target has the value of the selected action (SARSA). Beyond the paper, each of five
-    parameters changes one term of it.
+    The paper's target has the value of the selected action (SARSA). Beyond the paper, `raw_reward`,
+    `reward_form`, `bootstrap`, `clipped_bootstrap` and `advantage_scale` each change one term.
 
     Args:
-      p: Parameters of the brain, five of which change the target.
-      maximal: Raw reward at maximal smell if `raw_reward` replaces the reward; None otherwise.
+      p: Parameters of the brain: `discount`, and the five named above.
+      maximal: Raw reward at maximal smell, shape (), if `raw_reward` applies; None otherwise.
       reward: Reward sensed at time t + 1, shape (B,).
       before: Step at time t, whose action led to the reward.
       now: Step at time t + 1; the reward is recorded in it if the next target needs it.
 
     Returns:
-      The targets, and 1 for each robot that has one, else 0, both of shape (B,).
+      The targets; and 1 for each robot that has a target, else 0; both of shape (B,).
     """
     learning = before.chained
     value = now.best_value if p.bootstrap == "max" else now.value

@@ -20,7 +20,8 @@ class EpsilonGreedy:
 
         Args:
           ideas: Motor values of the proposed actions, shape (B, A, 2).
-          epsilon: Probability that a greedy robot starts to explore in this step.
+          epsilon: Probability that a greedy robot starts to explore in this step: a number, or a
+            tensor of shape ().
 
         Returns:
           The actions, to which an exploratory one may be appended, shape (B, A or A + 1, 2); and
@@ -32,7 +33,7 @@ class EpsilonGreedy:
         return ideas, drawn.masked_fill_(~explores, -1)
 
     def numbers(self, robots: int, count: int, device: torch.device) -> tuple[Tensor, Tensor]:
-        """Draws one of the actions for each robot, and a number in [0, 1), both of shape (B,)."""
+        """Draws for each robot an action's index and a number in [0, 1), both of shape (B,)."""
         generator = self._generator
         drawn = torch.randint(count, (robots,), generator=generator, device=device)
         return drawn, torch.rand(robots, generator=generator, device=device)
@@ -46,7 +47,7 @@ class PersistentExploration:
     """Beyond the paper: motor pairs drawn uniformly, each held for 1 to `longest` steps."""
 
     def __init__(self, robots: int, longest: int, generator: torch.Generator) -> None:
-        """Starts with greedy robots.
+        """Starts with all robots greedy.
 
         Args:
           robots: Number B of robots.
@@ -59,7 +60,7 @@ class PersistentExploration:
         self._left = torch.zeros(robots, dtype=torch.int64)
 
     def draw(self, ideas: Tensor, epsilon: float | Tensor) -> tuple[Tensor, Tensor]:
-        """Draws as `EpsilonGreedy.draw`, but a robot that explores continues to its last step."""
+        """Draws as `EpsilonGreedy.draw`, but an exploratory action goes on until its last step."""
         robots, count = ideas.shape[:2]
         generator, device = self._generator, ideas.device
         pairs = torch.rand(robots, 2, generator=generator, device=device) - 0.5
@@ -75,7 +76,7 @@ class PersistentExploration:
         return actions, explores * (count + 1) - 1  # the index `count`, or -1
 
     def tensors(self) -> dict[str, Tensor]:
-        """Returns the motor pairs and their remaining steps."""
+        """Returns the motor pairs and their remaining steps, for a checkpoint."""
         return {"pair": self._pair, "left": self._left}
 
 
@@ -96,7 +97,7 @@ class Schedule:
     def __init__(self, final: float, initial: float | None, steps: float) -> None:
         """Takes the final value, the initial one, and the time constant in steps of training.
 
-        Without an initial value the final one holds in all steps.
+        Without an initial value, the final one holds in all steps.
         """
         self._initial, self._final, self._steps = initial, final, steps
         self.decays = initial is not None

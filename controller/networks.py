@@ -21,8 +21,8 @@ class Activation:
 
     Attributes:
       apply: Function that replaces the neurons' sums by their activations, in place.
-      back: Function of the errors at the activations and of the activations; it returns the errors
-        at the sums.
+      back: Function that takes the errors at the activations, then the activations, and returns
+        the errors at the sums.
     """
 
     apply: Callable[[Tensor], Tensor]
@@ -42,8 +42,8 @@ class Networks:
     function in the creative memory.
 
     Attributes:
-      weights: All P weights and biases of each robot, shape (B, P); the next four attributes are
-        views of it.
+      weights: All P weights and biases of each robot, shape (B, P); `hidden_weights` to
+        `output_biases` are views of it.
       hidden_weights: Weights from inputs to hidden neurons, shape (B, H, I).
       hidden_biases: Biases of the hidden neurons, shape (B, H).
       output_weights: Weights from hidden to output neurons, shape (B, O, H).
@@ -132,19 +132,19 @@ class SGD:
     """Plain gradient steps: the gradient times the learn rate (Eq. 1)."""
 
     def __init__(self, networks: Networks) -> None:
-        """Optimizes these networks."""
+        """Takes the networks that it will train."""
         self._networks = networks
 
     def ascend(
         self, inputs: Tensor, hidden: Tensor, steps: Tensor, rate: Rate, learning: Tensor
     ) -> None:
-        """Moves the weights of every robot along the gradient of its output sums.
+        """Moves the weights of every robot's network along the gradient of its output sums.
 
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
           steps: Errors of the output sums, shape (B, O); 0 for robots that do not learn.
-          rate: Learn rate.
+          rate: Learn rate, by which the steps are multiplied: a number, or a tensor of shape ().
           learning: 1 for a robot that learns, 0 for one that does not, shape (B,).
         """
         del learning  # steps of 0 change no weight
@@ -163,7 +163,7 @@ class Adam:
     EPSILON = 1e-8
 
     def __init__(self, networks: Networks) -> None:
-        """Optimizes these networks."""
+        """Takes the networks that it will train."""
         self._networks = networks
         self._mean = torch.zeros_like(networks.weights)
         self._square = torch.zeros_like(networks.weights)
@@ -197,7 +197,7 @@ def load_into(targets: Mapping[str, Tensor], tensors: Mapping[str, Tensor]) -> N
 
     Args:
       targets: Tensors to overwrite, by name.
-      tensors: Tensors to copy, by name; others than the targets' are ignored.
+      tensors: Tensors to copy, by name; names that `targets` lacks are ignored.
 
     Raises:
       ValueError: A tensor is missing or has the wrong shape.

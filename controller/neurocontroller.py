@@ -34,7 +34,7 @@ class Neurocontroller:
 
     Attributes:
       evaluation: Evaluation network, which computes the values of actions.
-      memory: Creative memory, which proposes actions; None if no proposed action comes from one.
+      memory: Creative memory, which proposes actions; None unless the proposer is "creative".
       generator: Random stream of all draws.
       epsilon: Probability of an exploratory action in training, a `Schedule`.
       learn_rate: Learn rate of the evaluation network, a `Schedule`.
@@ -57,10 +57,11 @@ class Neurocontroller:
           robots: Number B of robots.
           sensors: Number S of sensor signals in a state.
           seed: Seed of the brains' random stream.
-          senses: Ranges of the signals; needed by some parameters (`Parameters.needs_senses`).
+          senses: Ranges of signals and reward; required if `parameters.needs_senses`.
 
         Raises:
-          ValueError: The proposer is unknown, or the parameters need senses that are not given.
+          ValueError: The proposer is unknown, or `senses` is missing where it is required or has
+            another number of signals than `sensors`.
         """
         if proposer not in PROPOSERS:
             raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
@@ -106,7 +107,7 @@ class Neurocontroller:
 
         Args:
           state: Sensor signals, shape (B, S).
-          explore: Whether to explore with the epsilon of training; otherwise with `test_epsilon`.
+          explore: True to explore with the `epsilon` of training, False with `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
@@ -131,12 +132,12 @@ class Neurocontroller:
     # replays them (see `protocols.lives.device`). `begin` and `end` are the host's part.
 
     def begin(self) -> bool:
-        """Begins a step: the step that was the present one becomes the previous one.
+        """Begins a control step: the present step becomes the previous one.
 
-        Draws what several steps share, and sets what depends on the robots' age.
+        Redraws noise patterns that are due, and sets epsilon and learn rate by the robots' age.
 
         Returns:
-          Which of the two remembered steps is the present one; they alternate.
+          Which of the two remembered steps is the present one: True and False alternate.
         """
         if self.memory is not None:
             self.memory.patterns.renew()
@@ -147,7 +148,7 @@ class Neurocontroller:
         return self._swapped
 
     def select(self, state: Tensor, explore: bool) -> Tensor:
-        """Selects each robot's action, as `act`, after `begin`."""
+        """Selects each robot's action, as `act` does; call `begin` before."""
         inputs = self._inputs(state)
         ideas = actions = self._propose(inputs)
         exploratory = None
@@ -164,7 +165,7 @@ class Neurocontroller:
         return self._current.action.clone()
 
     def update(self, reward: Tensor) -> Tensor:
-        """Learns, as `learn`, before `end`."""
+        """Learns, as `learn` does; call `end` after."""
         p, before, rate = self._parameters, self._previous, self.learn_rate.value
         target, learning = td_target(p, self._maximal_reward, reward, before, self._current)
         action = self._encoding.motors(before.action)
@@ -178,24 +179,24 @@ class Neurocontroller:
         return error
 
     def end(self) -> None:
-        """Ends a step of training, which makes the robots older."""
+        """Ends a step of training: the robots' age grows by one step."""
         self._age += 1
 
     def forget_step(self, robots: Tensor | None = None) -> None:
-        """Prevents learning across the next step, for robots that are placed elsewhere.
+        """Prevents learning from the transition to the next step, for robots placed elsewhere.
 
-        A recurrent context and an exploratory action that has begun go on.
+        A recurrent context goes on, and so does an exploratory action that has begun.
 
         Args:
-          robots: Indices of the robots that are placed elsewhere; None for all.
+          robots: Indices of the robots that are placed elsewhere, shape (n,); None for all.
         """
         self._current.forget(robots)
 
     def propose(self, state: Tensor) -> Tensor:
         """Returns proposed actions, motor values of shape (B, A, 2).
 
-        They are drawn from the brains' random stream, so later steps differ. Where ideas keep their
-        noise for several steps (`Parameters.noise_steps`), a call counts as one of them.
+        A call draws from the brains' random stream, so it changes later steps. Where ideas keep
+        their noise for several steps (`Parameters.noise_steps`), a call counts as one step.
 
         Args:
           state: Sensor signals, shape (B, S).
@@ -205,7 +206,7 @@ class Neurocontroller:
         return self._propose(self._inputs(state))
 
     def values(self, state: Tensor, actions: Tensor) -> Tensor:
-        """Returns the values of actions, shape (B, A).
+        """Returns the values of each robot's A actions in its state, shape (B, A).
 
         Args:
           state: Sensor signals, shape (B, S).
@@ -221,7 +222,8 @@ class Neurocontroller:
         """Returns the actions among which the evaluation network selects (section 3).
 
         These are all pairs of the fixed motor values, or actions drawn uniformly from [-0.5, 0.5]
-        x [-0.5, 0.5], or ideas of the creative memory; beyond the paper, random actions follow it.
+        x [-0.5, 0.5], or ideas of the creative memory; beyond the paper, random actions follow the
+        ideas (`Parameters.random_share`).
         """
         if self._fixed is not None:
             return self._fixed.expand(len(inputs), -1, -1)
@@ -237,7 +239,7 @@ class Neurocontroller:
         return self.evaluation.values(inputs, self._encoding.motors(actions))
 
     def networks(self) -> dict[str, Tensor]:
-        """Returns all weights and biases, "evaluation.hidden_weights" etc., shapes (B, ...).
+        """Returns all weights and biases by name, as "evaluation.hidden_weights", shapes (B, ...).
 
         The connections of a recurrent context are among them, as "context.recurrent_weights" and
         "context.input_weights".
@@ -253,7 +255,7 @@ class Neurocontroller:
         """Overwrites all weights and biases.
 
         Args:
-          tensors: Weights and biases, named as by `networks`; further ones are ignored, so that a
+          tensors: Weights and biases, named as by `networks`; other names are ignored, so that a
             brain with another proposer can take them.
 
         Raises:

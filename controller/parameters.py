@@ -28,50 +28,51 @@ _COMPILED += ("memory_hidden", "noise", "noisy_share", "noisy_connections", "ini
 class Parameters(Checked):
     """The parameters of a brain.
 
-    The first part is the paper's. The second part goes beyond the paper; each of its fields can
-    be changed alone. Steps are control steps.
+    The fields up to `initial_range` are the paper's. The fields from `activation` on go beyond the
+    paper; each can be changed alone. Steps are control steps.
 
     Attributes:
       evaluation_hidden: Number of hidden neurons of the evaluation network (section 3).
-      learn_rate: Learn rate eta of Eq. 1 (section 3).
-      discount: Discount factor gamma of Eq. 1 (section 3).
-      epsilon: Probability of an exploratory action during training (section 3).
+      learn_rate: Learn rate eta of the evaluation network (Eq. 1, section 3).
+      discount: Discount factor gamma of V(t + 1) in Eq. 1 (section 3).
+      epsilon: Probability of an exploratory action in a step of training (section 3).
       test_epsilon: Probability of an exploratory action in the tests before and after training
         (not stated in the paper).
-      fixed_motors: Values of a motor; the fixed actions are all their pairs (left, right)
+      fixed_motors: Motor values; the fixed proposer's actions are all their pairs (left, right)
         (section 3).
       ideas: Number of actions proposed per step by the random and the creative proposer
         (section 3).
       memory_hidden: Number of hidden neurons of the creative memory (section 3).
       noise: Constant sigma that is added to or subtracted from a noisy connection (section 3).
-      noisy_share: Share of the connections that are noisy in an idea, "a quarter" (section 3); the
-        number of noisy connections is rounded to the nearest whole number, at least 1 if the share
-        is above 0.
-      noisy_connections: Which connections are noisy: drawn "anew" for each idea, or "fixed": drawn
-        once for each robot, so that each idea has new signs only (docs/paper.md).
+      noisy_share: Share of the memory's connections that are noisy in an idea, in the paper "a
+        quarter" (section 3); their number is rounded to the nearest whole number, at least 1 if the
+        share is above 0.
+      noisy_connections: Which connections are noisy. "anew": drawn for each idea. "fixed": drawn
+        once for each robot; each idea then draws only the signs of the noise (docs/paper.md).
       noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
-        step, 0 for the same noise for life (not stated in the paper). A brain that is loaded draws
-        new noise.
-      noise_on_biases: Whether biases count as connections (not stated in the paper).
+        step, 0 for the same noise for life (not stated in the paper). A brain whose
+        networks are loaded draws new noise.
+      noise_on_biases: Whether biases, too, can be noisy (not stated in the paper).
       keep_main_idea: Whether the first idea is the memory's output without noise (not stated in
         the paper).
       initial_range: Half-width of the interval from which weights and biases are drawn,
         [-initial_range, initial_range] (section 3.1).
       activation: Activation function of the hidden neurons, "logistic" (section 3) or "tanh".
       centred_inputs: Whether all network inputs, motor values included, are scaled to [-1, 1].
-      raw_signals: Whether the raw value of each saturating signal, such as smell, is a further
-        network input.
+      raw_signals: Whether the raw value x of each signal that saturates as x / (1 + x), such as
+        smell, is a further network input.
       raw_reward: Whether a saturating reward is replaced by its raw value, scaled to 1 at maximal
         smell.
-      reward_form: Form of the reward, the "signal" (section 2) or its "difference" from the
-        previous step.
+      reward_form: Reward from which the brain learns: the "signal" itself (section 2), or its
+        "difference" from the previous step.
       bootstrap: Action whose value is V at t + 1 in Eq. 1: the selected one ("on_policy") or the
         best of the proposed ones ("max").
       clipped_bootstrap: Whether V at t + 1 is clipped to max(r(t), 0) in a step in which the
         reward fell to 0 or below.
-      advantage_scale: Factor alpha of advantage learning, r <- r - alpha (V_best - V_selected); 0
-        for none.
-      optimizer: Optimizer of the networks, "sgd" (Eq. 1) or "adam".
+      advantage_scale: Factor alpha of advantage learning, r <- r - alpha (V_best - V_selected),
+        with the values of the best and the selected action; 0 for none.
+      optimizer: Optimizer of the networks, "sgd" (Eq. 1) or "adam"; the memory uses "adam" only
+        with `memory_target` "best".
       memory_target: Action that the memory learns: the "selected" one, with the TD error as learn
         rate (section 3), or the "best" of the proposed ones, with `learn_rate`.
       random_share: Share of the creative proposer's ideas that are drawn uniformly at random; their
@@ -137,7 +138,7 @@ class Parameters(Checked):
     def repeats_itself(self) -> bool:
         """Whether the memory would learn its own main idea, the only candidate, in every step.
 
-        It does not learn then: it would learn rounding errors, which Adam turns into full steps.
+        The memory then does not learn: Adam would turn rounding errors into full steps.
         """
         noisy = self.noise > 0 and self.noisy_share > 0
         alone = not noisy or self.keep_main_idea and self.own_ideas == 1
@@ -145,7 +146,7 @@ class Parameters(Checked):
 
     @property
     def compilable(self) -> bool:
-        """Whether `CompiledNeurocontroller` computes it: the ingredients are the paper's."""
+        """Whether Numba computes this brain: only fields in `_COMPILED` differ from the paper's."""
         own = {name: getattr(self, name) for name in _COMPILED}
         return dataclasses.replace(Parameters(), **own) == self
 
@@ -166,5 +167,5 @@ class Parameters(Checked):
 
     @property
     def needs_best(self) -> bool:
-        """Whether the brain learns from the best proposed action beside the selected one."""
+        """Whether the brain learns from the best proposed action, not only the selected one."""
         return self.bootstrap == "max" or self.memory_target == "best" or self.advantage_scale > 0

@@ -26,7 +26,7 @@ class Signal:
     maximal: float | None = None
 
     def __post_init__(self) -> None:
-        """Raises ValueError for an empty range, or one that cannot saturate."""
+        """Raises ValueError unless low < high and, with `maximal`, low >= 0 and maximal > 0."""
         if not self.low < self.high:
             raise ValueError(f"low must be less than high, got {self.low} and {self.high}")
         if self.maximal is not None and not self.maximal > 0:

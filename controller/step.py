@@ -1,4 +1,4 @@
-"""One control step as the brain remembers it until it has learned from it (section 2)."""
+"""A control step, which the brain remembers until it has learned from the step (section 2)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from torch import Tensor
 class Step:
     """What B robots sensed and selected in one control step.
 
-    One object records many steps, each over the one before. Before the first, `chained` is 0. Only
-    a detailed step has the last four attributes, which the paper's brain does not need.
+    One object records many steps; each overwrites the one before. Before the first, `chained` is 0.
+    Only a detailed step has `best_action` to `rewarded`, which the paper's brain does not need.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -69,7 +69,7 @@ class Step:
         """Marks that the next step does not continue this one.
 
         Args:
-          robots: Indices of the robots that are placed elsewhere; None for all.
+          robots: Indices of the robots that are placed elsewhere, shape (n,); None for all.
         """
         self.chained[slice(None) if robots is None else robots] = 0
 

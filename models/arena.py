@@ -43,9 +43,9 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
     Args:
       path: MJCF file of an arena with its robot; see `check_arena` for what it must hold.
-      motor_speed: Speed of a wheel at motor value 0.5 in [m/s], at most 10; None keeps the file's.
+      motor_speed: Speed of a wheel at motor value 0.5, in (0, 10] m/s; None keeps the file's.
 
-    Raises ValueError for another speed or a file that cannot be read.
+    Raises ValueError for a speed out of this range or a file that cannot be read.
     """
     check_versions()
     spec = mujoco.MjSpec.from_file(str(path))
@@ -70,7 +70,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 def check_arena(model: mujoco.MjModel) -> None:
     """Raises ValueError unless a compiled arena has what the tasks place, drive and measure.
 
-    It has no other joints, actuators or mocap bodies. `Rules.of` finds the sensors of a task.
+    The arena must have no other joints, actuators or mocap bodies. `Rules.of` finds the sensors.
     """
     for kind, names in _NEEDED.items():
         for name in names:
@@ -110,8 +110,8 @@ _NEEDED = {
 def robot_qpos(pose: np.ndarray) -> np.ndarray:
     """Returns MuJoCo's qpos of robots on the floor with both wheels at angle 0.
 
-    From x, y in [m] and heading in [rad] (0 along +x), shape (..., 3), to the position in [m],
-    quaternion and wheel angles in [rad], shape (..., 9).
+    `pose` is x, y in [m] and heading in [rad] (0 along +x), shape (..., 3). The qpos is position in
+    [m], quaternion and wheel angles in [rad], shape (..., 9).
     """
     pose = np.asarray(pose, dtype=float)
     qpos = np.zeros((*pose.shape[:-1], 9))
@@ -130,7 +130,7 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
 
 
 def heading(w: Any, i: Any, j: Any, k: Any) -> Any:
-    """Returns the direction in [rad] of a quaternion's first axis, seen from above."""
+    """Returns the heading in [rad] of a quaternion: the direction of its x axis from above."""
     return np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
 
@@ -217,7 +217,7 @@ class Dimensions:
 
 
 def _widest(model: mujoco.MjModel, body: int) -> float:
-    """Returns the largest first size of a body's geoms, in [m]: the radius of a round body."""
+    """Returns the radius of a round body in [m]: the largest `size[0]` of its geoms."""
     own, name = np.flatnonzero(model.geom_bodyid == body), model.body(body).name
     if not len(own):
         raise ValueError(f"the obstacle {name!r} has no geom")

@@ -1,4 +1,4 @@
-"""Arrays of NumPy or of a library on a GPU, computed by the same code."""
+"""Functions that take arrays of NumPy, or of a library that computes on a GPU."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ def namespace(array: Any) -> Any:
 
 
 def at_least(values: Any, lowest: float) -> Any:
-    """Returns the values, raised to a number where they are below it; NaN stays."""
+    """Returns the larger of each value and `lowest`; NaN stays."""
     return values.clamp(min=lowest) if _are_tensors(values) else np.maximum(values, lowest)
 
 
 def at_most(values: Any, highest: float) -> Any:
-    """Returns the values, lowered to a number where they are above it; NaN stays."""
+    """Returns the smaller of each value and `highest`; NaN stays."""
     return values.clamp(max=highest) if _are_tensors(values) else np.minimum(values, highest)
 
 
 def replaced(values: Any, where: Any, number: float) -> Any:
-    """Returns the values, with a number in their place where a condition holds."""
+    """Returns the values, replaced by `number` where the condition `where` holds."""
     if _are_tensors(values):
         return values.masked_fill(where, number)
     return np.where(where, number, values)
 
 
 def as_numbers(condition: Any, dtype: Any) -> Any:
-    """Returns 1 where a condition holds, else 0, in a floating-point type."""
+    """Returns 1 where a condition holds, else 0, in the floating-point type `dtype`."""
     return condition.to(dtype) if _are_tensors(condition) else condition.astype(dtype)
 
 

@@ -1,4 +1,4 @@
-"""Edits of the arena for further tasks: sensors, pillars, the arena's size, a hidden spot.
+"""Edits of the arena for further tasks: sensors, pillars, the motors' torque, a hidden spot.
 
 This module holds the dimensions of what is added; the XML files hold those of robot and arena.
 """
@@ -28,7 +28,7 @@ def scale_torque(spec: mujoco.MjSpec) -> None:
     """Scales the motors' torque with their speed, so that the wheels' lag is that of `arena.xml`.
 
     Without this edit `arena_spec` leaves the torque of a stalled wheel unchanged: a motor of twice
-    the speed then brakes half as much, and the wheels take twice as long to follow it.
+    the speed then brakes half as much, and the wheels take twice as long to follow the motor.
     """
     for motor, own in zip(spec.actuators, arena_spec().actuators, strict=True):
         faster = own.gear[0] / motor.gear[0]

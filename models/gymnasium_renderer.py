@@ -14,14 +14,14 @@ from .rendering import check_process, choose_backend, fit_buffer, leave_egl
 
 
 class ArenaRenderer(MujocoRenderer):
-    """Gymnasium's `MujocoRenderer` in a process where others open contexts, too."""
+    """Gymnasium's `MujocoRenderer` in a process where other code opens OpenGL contexts, too."""
 
     def __init__(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera_id: str, width: int, height: int
     ) -> None:
-        """Enlarges the model's buffer to the size of the pictures in pixels.
+        """Prepares pictures of `width` x `height` pixels; enlarges the model's buffer to fit them.
 
-        `camera_id` is the name of a camera; a window shows it first.
+        `camera_id` is the name of a camera; a window starts with its view.
         """
         fit_buffer(model, width, height)
         super().__init__(
@@ -63,7 +63,7 @@ class ArenaRenderer(MujocoRenderer):
         return viewer
 
     def close(self) -> None:
-        """Closes the window, and frees the contexts."""
+        """Closes the window, and frees the OpenGL contexts."""
         self._free()
         atexit.unregister(self._free)
 

@@ -44,7 +44,7 @@ class Kinematics(Checked):
       any_contact: Whether contact at any time of a control step counts; otherwise only contact at
         the end of the step counts.
       lag: Time constant in [s] with which the wheels' speed follows the motors; 0 for no lag. The
-        MuJoCo body has about 0.08 straight ahead, because of its mass and its servos.
+        MuJoCo body has about 0.08 s straight ahead, because of its mass and its servos.
       pieces: Number of equal pieces into which a control step is divided; the robot follows one
         path in each.
       path: Path in each of the `pieces`. "arc": exact for two wheels of constant speed. "euler":
@@ -63,7 +63,7 @@ class Kinematics(Checked):
     path: Path = choice("arc", Path)
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:
-        """Returns an arena's dimensions with the radius and wheel base of this robot."""
+        """Returns an arena's dimensions with the radius and wheel base of these settings."""
         return dataclasses.replace(
             dimensions,
             radius=self.radius or dimensions.radius,
@@ -75,9 +75,10 @@ class Kinematics(Checked):
 def follow_motors(
     wheels: np.ndarray, motors: np.ndarray, seconds: float, lag: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Returns mean and last speeds of wheels that follow their motors with a lag in [s].
+    """Returns the mean and the final speeds of wheels that follow their motors for some seconds.
 
-    `wheels` are their first speeds. Speeds are in motor values, left and right, shape (B, 2).
+    `wheels` are the speeds at the start, `lag` the time constant in [s]. Speeds are in motor
+    values, left and right, shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -91,7 +92,7 @@ def drive(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Moves robots along one path for some seconds, as far as the walls allow.
 
-    Returns the poses at the end, and whether the wheels push a robot into a wall, shape (B,).
+    Returns the poses at the end, and whether each robot's wheels push it into a wall, shape (B,).
     """
     xp = namespace(poses)
     left, right = (motors * (2 * size.motor_speed)).T
@@ -131,7 +132,7 @@ def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
-      into: Booleans, shape (2, B): whether the wall that a robot meets first bounds x (row 0), y
+      into: Booleans, shape (2, B): whether the wall that a robot meets first limits x (row 0) or y
         (row 1).
       seconds: Duration of driving into the wall in [s], shape (B,).
     """

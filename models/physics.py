@@ -26,7 +26,7 @@ INTEGRATION = mj.mjtState.mjSTATE_INTEGRATION.value  # everything that a physics
 
 
 class Physics(mujoco.Physics):
-    """MuJoCo's physics of the arena, with named queries.
+    """dm_control's `Physics` for the arena, with methods that place the robot and the spot.
 
     After `step`, `sensordata` shows the start of the last substep (docs/physics.md), as in the
     batch of robots. Copies, also through pickle, continue bit-exactly.
@@ -58,7 +58,7 @@ class Physics(mujoco.Physics):
                 model.opt.disableflags = flags
 
     def robot_pose(self) -> np.ndarray:
-        """Returns x, y in [m] and heading in [rad], shape (3,)."""
+        """Returns the robot's x, y in [m] and heading in [rad], shape (3,)."""
         return robot_pose(self.data.qpos)
 
     def spot_position(self) -> np.ndarray:
@@ -76,7 +76,7 @@ class Physics(mujoco.Physics):
         self._spot[:] = x, y
 
     def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
-        """Returns dm_control's picture of a camera; the model's buffer grows to its size.
+        """Returns dm_control's picture of a camera; the model's buffer grows to fit it.
 
         Raises RuntimeError where OpenGL cannot be opened, or the environment is closed.
         """
@@ -96,9 +96,9 @@ class Physics(mujoco.Physics):
         self._contexts = Contexts(gl=gl, mujoco=MjrContext(self.model, gl))
 
     def check_sound(self) -> None:
-        """Raises PhysicsError where a batch stops a robot, see `Robots.valid`.
+        """Raises PhysicsError where a batch would stop the robot, see `Robots.valid`.
 
-        The robot is outside the arena, above the floor or tilted, or its sensors are not finite.
+        It is then outside the arena, above the floor or tilted, or its sensors are not finite.
         """
         place = self.qpos.tolist()[:6]
         if not all(map(operator.lt, map(abs, place), self._bounds)):

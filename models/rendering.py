@@ -38,7 +38,7 @@ if hasattr(os, "register_at_fork"):  # not on Windows
 def check_process() -> None:
     """Raises RuntimeError in a process that was forked after OpenGL was opened.
 
-    A picture would never end there.
+    Drawing a picture would never end there.
     """
     if _forked:
         raise RuntimeError(
@@ -50,8 +50,8 @@ def check_process() -> None:
 def load_triton() -> None:
     """Imports Triton, if it is installed, before EGL is opened.
 
-    CUDA builds of torch import it for torch._dynamo, which crashes where Mesa's EGL was opened
-    first: both hold LLVM.
+    CUDA builds of torch import it for torch._dynamo. The import crashes where Mesa's EGL was opened
+    first, because Triton and Mesa both contain LLVM.
     """
     with contextlib.suppress(Exception):  # whatever is wrong with it, pictures do not need it
         importlib.import_module("triton")
@@ -98,10 +98,10 @@ def no_window() -> str:
 
 
 def choose_backend() -> str:
-    """Returns the value of MUJOCO_GL, in lower case, set to "egl" if unset without a display.
+    """Returns MUJOCO_GL in lower case, after setting it to "egl" if it is unset without a display.
 
-    "" stands for the default of a machine with a display. Raises RuntimeError where the backend
-    draws nothing, or cannot be opened here or in a forked process.
+    "" means the default backend of a machine with a display. Raises RuntimeError where the backend
+    draws nothing or cannot be opened, or the process was forked after OpenGL was opened.
     """
     global _drew
     check_process()
@@ -127,7 +127,7 @@ def _chosen_backend() -> str:
 
 
 def open_context(width: int, height: int) -> Any:
-    """Returns an OpenGL context of dm_control's for pictures up to a size, see `choose_backend`."""
+    """Opens dm_control's OpenGL context for pictures of at most `width` x `height` pixels."""
     # dm_control chose a backend when it was imported; MUJOCO_GL may have been set since.
     is_egl = choose_backend() == "egl"
     renderer = _egl_context() if is_egl else _render.Renderer
@@ -140,7 +140,7 @@ def open_context(width: int, height: int) -> Any:
 
 
 class _Shared:
-    """A context of dm_control's in a process where others open contexts, too.
+    """A context of dm_control's in a process where other code opens OpenGL contexts, too.
 
     dm_control only remembers which of its own contexts is current, and in which thread. A context
     of EGL is released after each picture, so that the next may be drawn in any thread.
@@ -185,16 +185,16 @@ def no_egl(error: Exception) -> str:
 
 
 def leave_egl() -> None:
-    """Releases this thread's EGL context: then another thread may draw with it.
+    """Releases this thread's EGL context, so that another thread may draw with it.
 
-    X11 stops a process that makes a window current before.
+    X11 stops a process that makes a window's context current before this release.
     """
     if egl := sys.modules.get("OpenGL.EGL"):
         egl.eglReleaseThread()
 
 
 def fit_buffer(model: mujoco.MjModel, width: int, height: int) -> bool:
-    """Enlarges the buffer of a model without contexts; returns whether it was too small."""
+    """Enlarges a model's picture buffer to a size in pixels; returns whether it was too small."""
     size = model.vis.global_
     if width <= size.offwidth and height <= size.offheight:
         return False

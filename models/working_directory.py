@@ -1,4 +1,4 @@
-"""Refuses a working directory that was deleted: MuJoCo, GLFW and others could not be imported."""
+"""Refuses a deleted working directory, in which MuJoCo, GLFW and others cannot be imported."""
 
 import os
 

@@ -1,1 +1,1 @@
-"""The experiments: schedules as data, lives, Learn Ability, tables, films, the command line."""
+"""The experiments: agents, lives, statistics, studies, tables, films, the command `musebot`."""

@@ -1,4 +1,4 @@
-"""What can go wrong, each in one sentence."""
+"""Errors, each with a text of one sentence, and texts that suggest a remedy."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Interrupted(Exception):
 
 
 def check_name(what: str, name: object, known: Iterable[str]) -> None:
-    """Raises InputError unless a name is one of the known ones, of `what`, such as "task"."""
+    """Raises InputError unless a name is in `known`; `what`, such as "task", says what it names."""
     names = [*known]
     if name in names:
         return
@@ -44,7 +44,7 @@ def check_name(what: str, name: object, known: Iterable[str]) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Returns the question whether a similar name was meant, or the names that there are."""
+    """Returns the question whether a similar name was meant, or else the list of all names."""
     names = [*known]
     if question := similar(name, names):
         return question
@@ -52,9 +52,9 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def similar(name: str, known: Iterable[str]) -> str:
-    """Returns the question whether a similar name was meant, "" if there is none.
+    """Returns the question whether a similar name was meant; "" if no known name is similar.
 
-    Names that begin with the given one come first. Dashes in front are not compared, or all
+    Names that begin with the given one come first. Dashes in front are not compared: with them, all
     options would be similar.
     """
     name = name.lstrip("-")
@@ -70,7 +70,7 @@ def similar(name: str, known: Iterable[str]) -> str:
 
 
 def missing_extra(error: ImportError) -> str:
-    """Returns how to install the extra of a module that is missing; else the error's own text."""
+    """Returns how to install the extra that has a missing module; else the error's own text."""
     module = (error.name or "").partition(".")[0]
     for extra, modules in _EXTRAS.items():
         if isinstance(error, ModuleNotFoundError) and module in modules.split():

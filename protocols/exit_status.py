@@ -1,6 +1,6 @@
 """The exit status of a command, and the one sentence that explains a failure.
 
-Light: importing it loads nothing else of musebot.
+Importing this module loads nothing else of musebot.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno
 
 
 def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
-    """Carries out a command, reports a failure in one sentence, and returns the exit status.
+    """Carries out a command, prints a failure as one sentence, and returns the exit status.
 
     Args:
       work: Function that carries out the command.
@@ -60,7 +60,7 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
 
 
 def complain(sentence: str, status: int) -> int:
-    """Prints on stderr what went wrong; returns the given exit status."""
+    """Prints a sentence about a failure on stderr; returns `status`."""
     from .terminal import notice
 
     notice(sentence)

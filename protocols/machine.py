@@ -1,4 +1,4 @@
-"""What this machine, or the container that this process is in, has."""
+"""Cores and memory of this machine, or of the container that this process is in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def cores() -> int:
 
 
 def machine_bytes() -> int:
-    """Returns the bytes of memory."""
+    """Returns the memory in bytes."""
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     for name in ("memory.max", "memory/memory.limit_in_bytes"):
         try:

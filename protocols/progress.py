@@ -1,4 +1,4 @@
-"""Progress with the remaining time, on stderr."""
+"""Displays progress and the remaining time on stderr."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ def _draws_bars() -> bool:
 def tracked(steps: Iterable[Step], what: str, count: int | None = None) -> Iterable[Step]:
     """Yields steps of about equal length in this process, with a bar on a terminal.
 
-    `what` describes them. `count` is their number, None where the steps know it.
+    `what` describes the steps. `count` is their number; None if they have a length.
     """
     console = Console(stderr=True)
     return track(steps, escape(printable(what)), count, console=console, disable=not _draws_bars())
 
 
 class JobProgress:
-    """Progress of several jobs together, with their speed, and the messages they send.
+    """Displays the progress of several jobs together, their speed, and the messages they send.
 
     A job's cost is its amount of work: simulated seconds, added up over the job's robots. On a
-    terminal a bar shows the progress; elsewhere, as in the log of a cluster, lines: the first after
-    five seconds, the next ones at most a minute apart.
+    terminal, a bar shows the progress. Elsewhere, as in the log of a cluster, lines show it: the
+    first after five seconds, the next ones at most a minute apart.
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class JobProgress:
         Args:
           what: Description of the jobs, shown next to the progress.
           costs: Cost of each job: simulated seconds, added up over its robots.
-          quiet: Whether to show no progress.
+          quiet: Whether to hide the progress.
           robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
           watcher: Function that is called whenever reports are shown, several times a second.
         """
@@ -98,7 +98,7 @@ class JobProgress:
             notice(self.line())
 
     def tell(self, sentence: str) -> None:
-        """Prints a sentence above the bar."""
+        """Prints a message, above the bar if there is one."""
         if self._lines:
             say_if_possible(sentence)
         else:
@@ -136,7 +136,7 @@ class JobProgress:
     def _state(self) -> tuple[float, str, str]:
         """Returns the simulated seconds done, the speed in words and the remaining time in words.
 
-        Both follow the mean speed of this call.
+        Speed and remaining time follow from the mean speed since this display began.
         """
         done = sum(self._done.values())
         new = done - sum(self._first.values())

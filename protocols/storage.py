@@ -1,4 +1,4 @@
-"""Files that are whole or absent: atomic writes, arrays with a digest, locks. No pickle.
+"""Writes files that are whole or absent: atomic writes, arrays with a digest, locks; no pickle.
 
 The functions of this module create, replace and delete all files of a command, and follow no link
 below the folder that the user has named. Only TensorBoard writes files of its own.
@@ -48,7 +48,7 @@ _LONGEST = 40  # characters of a name that its temporary file repeats, for every
 
 
 def check_place(path: Path) -> None:
-    """Raises InputError if a file could not be written; called before the work on its content."""
+    """Raises InputError if a file cannot be written; called before its content is computed."""
     if path.is_symlink() or (path.exists() and not path.is_file()):
         kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
         raise InputError(f"{path} is {kind}; name a file")
@@ -58,7 +58,7 @@ def check_place(path: Path) -> None:
 
 
 def resolved(path: Path) -> Path:
-    """Returns the absolute path that a path's links lead to; InputError if they form a circle."""
+    """Returns the absolute path to which links lead; raises InputError if they form a circle."""
     try:
         return path.resolve()
     except RuntimeError as error:  # an OSError since Python 3.13
@@ -66,7 +66,7 @@ def resolved(path: Path) -> Path:
 
 
 def resolved_file(path: Path) -> Path:
-    """Returns the absolute path of a file that the user has named, in a folder that is no link."""
+    """Returns the absolute path of a file; resolves links of its folder, but not its own."""
     return resolved(path.parent) / path.name
 
 
@@ -87,7 +87,7 @@ def check_folder(path: Path) -> None:
 
 
 def check_own_folder(path: Path) -> None:
-    """Raises InputError where a folder below OUT is a link or a file, or cannot be written."""
+    """Raises InputError if a folder below OUT is a link or a file, or cannot be written."""
     if path.is_symlink():
         raise InputError(f"{path} is a link, which musebot does not follow")
     check_folder(path)
@@ -98,11 +98,11 @@ def check_own_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Makes a folder and keeps other processes of musebot from working in it until this one ends.
+    """Makes a folder, and keeps other processes of musebot from working in it in this context.
 
     Raises:
-      InputError: another process works in it, or it is a link or a file.
-      RunError: it was moved or deleted during the work.
+      InputError: another process works in the folder, or it is a link or a file.
+      RunError: the folder was moved or deleted during the work.
     """
     check_own_folder(directory)
     directory.mkdir(parents=True, exist_ok=True)
@@ -128,8 +128,8 @@ def locked(directory: Path) -> Iterator[None]:
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file so that readers, even after a crash, find the whole old or the whole new file.
 
-    A folder is made in an existing one only: one that was moved away is not made again. A link at
-    `path` is replaced.
+    The file's folder is made only in an existing folder, so that a checkpoint does not make the
+    folder of a run that was moved away again. A link at `path` is replaced.
 
     Raises:
       InputError: the folder is a link or a file.
@@ -162,7 +162,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text as UTF-8, atomically; bytes of file names that are no text are escaped."""
+    """Writes a text as UTF-8, atomically; bytes of file names that are not UTF-8 are escaped."""
     write_atomically(path, text.encode(errors="backslashreplace"))
 
 
@@ -177,7 +177,7 @@ def is_draft(path: Path) -> bool:
 
 
 def remove_drafts(folder: Path, of: str = "") -> None:
-    """Removes the temporary files of interrupted writes, `of` one file or of all, from a folder.
+    """Removes the temporary files of interrupted writes from a folder: `of` one file, or of all.
 
     No other process may write such files there.
     """
@@ -190,7 +190,7 @@ def remove_drafts(folder: Path, of: str = "") -> None:
 
 
 def remove_files(folder: Path, ours: Callable[[str], bool]) -> None:
-    """Removes the files whose names are ours from a folder, if there is one; no links, no folders.
+    """Removes a folder's files for whose names `ours` is true; leaves links and folders.
 
     Raises:
       InputError: the folder is a link.
@@ -214,7 +214,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     Args:
       path: File to write; an existing one is replaced.
       arrays: Arrays by name, of any shape and a dtype of `DTYPES`.
-      **notes: Values that JSON can represent.
+      **notes: Notes by name: values that JSON can represent.
     """
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
@@ -234,14 +234,14 @@ def load_arrays(
 
     Args:
       path: File that `save_arrays` wrote.
-      check: Function of the dtype and shape of each array by name, called before any array is read;
-        it raises ValueError where the file must not be read.
+      check: Function of the dtypes and shapes of all arrays by name, called before any array is
+        read; it raises ValueError if the file must not be read.
       wanted: Function that returns whether to keep the array of a name; None keeps all.
 
     Raises:
       FileNotFoundError: there is no such file.
       DamagedFileError: the file is truncated, altered or foreign.
-      OSError: it cannot be read.
+      OSError: the file cannot be read.
     """
     _opened(path).close()  # safetensors calls a file that cannot be opened an invalid one
     arrays: dict[str, np.ndarray] = {}
@@ -284,7 +284,7 @@ def _digest(arrays: Iterable[tuple[str, np.ndarray]], notes: str) -> str:
 
 
 def _opened(path: Path) -> IO[bytes]:
-    """Opens a regular file for reading: a pipe is refused, not waited for."""
+    """Opens a regular file for reading; raises DamagedFileError for a pipe, without waiting."""
     try:
         mode = path.stat().st_mode
     except FileNotFoundError as error:
@@ -312,12 +312,12 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Reads what `write_json` wrote, with the digest.
+    """Reads an object that `write_json` wrote, with its digest, and checks the digest.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: it is no regular file, too large, no such JSON, or was changed.
-      OSError: it cannot be read.
+      DamagedFileError: the file is not regular, too large, no such JSON, or was changed.
+      OSError: the file cannot be read.
     """
     content = parsed(path, read_whole(path))
     if not isinstance(content, dict) or content != _signed(content):
@@ -336,8 +336,8 @@ def parsed(path: Path, text: str | bytes) -> Any:
     """Returns the value of a text of JSON in UTF-8, which a file holds.
 
     Raises:
-      DamagedFileError: it is no JSON, too deeply nested, has a number of too many digits, or a
-        name twice.
+      DamagedFileError: the text is no JSON, is nested too deeply, or has a number with too many
+        digits or a name twice.
     """
     try:
         return json.loads(text, object_pairs_hook=_object)

@@ -1,4 +1,4 @@
-"""What is printed: texts without control characters, notices, Markdown."""
+"""Prints texts without control characters, notices and Markdown."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def printable(text: str, *, lines: bool = False) -> str:
     """Returns a text in which characters that could control a terminal are escaped.
 
     Args:
-      text: Text, with names of files or values that others have chosen.
+      text: Text, which may contain names of files or values that others have chosen.
       lines: Whether to keep line breaks and the whole length. Otherwise line breaks are escaped,
         and a long text is shortened in the middle.
     """
@@ -32,7 +32,7 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None:
-    """Prints a text, on stdout: no character controls the terminal, or fails in its encoding."""
+    """Prints a text, by default on stdout; escapes control characters and unencodable ones."""
     if (stream := stream or sys.stdout) is None:  # closed
         return
     encoding = getattr(stream, "encoding", None) or "utf-8"
@@ -46,21 +46,21 @@ def notice(sentence: str) -> None:
 
 
 def say_if_possible(text: str) -> None:
-    """Prints a text on stderr; a full disk or a reader that has left stops no work."""
+    """Prints a text on stderr; ignores a full disk, or a reader that has left."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):  # full, without a reader, or closed
             say(text, sys.stderr)
 
 
 def safe_streams() -> None:
-    """Lets characters that stdout cannot encode be escaped instead of failing."""
+    """Makes stdout and stderr escape characters that they cannot encode, instead of failing."""
     for stream in (sys.stdout, sys.stderr):
         if (reconfigure := getattr(stream, "reconfigure", None)) is not None:
             reconfigure(errors="backslashreplace")
 
 
 def show_markdown(text: str) -> None:
-    """Prints Markdown on stdout, formatted where that is a terminal."""
+    """Prints Markdown on stdout, formatted if stdout is a terminal."""
     from rich.console import Console  # the plain install has no rich, and prints no Markdown
     from rich.markdown import Markdown
 

@@ -58,11 +58,11 @@ class Task(base.Task):
       episode: Start, actions and length of every episode.
       start: Places of robot and spot at the start of the next episode.
       steps: Number of control steps of this episode so far.
-      world: World of the present phase in a life; the default world in other tasks.
+      world: World of the present phase in a life; the default world in ordinary episodes.
     """
 
     def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
-        """Initialises the task; `random` is a stream, its seed, or None for an unknown seed."""
+        """Initialises the task; `random` is a stream, its seed, or None for an arbitrary seed."""
         super().__init__(random=None if isinstance(random, np.random.Generator) else random)
         if isinstance(random, np.random.Generator):
             self.reseed(random)
@@ -150,9 +150,9 @@ class Task(base.Task):
 
 
 class Environment(control.Environment):
-    """dm_control's environment with exact copies, states and time limits.
+    """dm_control's environment, with exact copies, exact time limits, and states to save.
 
-    As dm_env requires, a step of a new environment, or after the end of an episode, is a reset.
+    As dm_env requires, the first `step`, and the first after the end of an episode, is a reset.
     """
 
     def __init__(self, physics: Physics, task: Task, flat_observation: bool = False) -> None:
@@ -168,7 +168,7 @@ class Environment(control.Environment):
         self.lifecycle = Lifecycle()
 
     def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
-        """Starts an episode; `options` are a `robot` and `spot` in place of the task's.
+        """Starts an episode; `options` may hold `robot` and `spot`, places that replace the task's.
 
         Raises TypeError for an unknown option, ValueError for a place outside the arena or in an
         obstacle, RuntimeError where the environment is closed.
@@ -184,12 +184,12 @@ class Environment(control.Environment):
             return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
-        """Simulates 0.1 s for a left and right action, shape (2,), clipped at its limits.
+        """Simulates 0.1 s for a left and right action, shape (2,), clipped to `action_spec`.
 
         Raises:
-          ValueError: The action is not two finite numbers, or the reward is not as declared.
+          ValueError: The action is not two finite numbers, or the reward is not as `rules` declare.
           PhysicsError: The simulation became unstable; then `reset` must be called.
-          RuntimeError: The environment is closed, failed, or in another thread's call.
+          RuntimeError: The environment is closed, has failed, or is in use by another thread.
         """
         with self.lifecycle.one_thread:
             if not self.lifecycle.running and self.lifecycle.stage != "new":
@@ -208,7 +208,7 @@ class Environment(control.Environment):
                 self.physics.free()
 
     def get_state(self) -> dict[str, Any]:
-        """Returns all that the next steps depend on; RuntimeError if closed or failed."""
+        """Returns everything that the next steps depend on; RuntimeError if closed or failed."""
         with self.lifecycle.one_thread:
             if self.lifecycle.stage in ("closed", "failed"):
                 self.lifecycle.refuse()
@@ -225,7 +225,7 @@ class Environment(control.Environment):
         }
 
     def check_state(self, state: Mapping[str, Any], random: Random) -> None:
-        """Raises what `set_state` raises; a state that is refused changes nothing."""
+        """Raises what `set_state` would raise, and changes nothing."""
         self.lifecycle.check_open()
         check_state(state, {**self._state(), "random": {}})
         check_counts("steps", [state["steps"]], [self.task.episode.most_steps])
@@ -259,7 +259,7 @@ class Environment(control.Environment):
         return self._task
 
     def observation_spec(self) -> Any:
-        """Returns the bounds of every observation, or of the one flat array if requested."""
+        """Returns the bounds of every observation; of one array with `flat_observation`."""
         named = self.task.observation_spec(self.physics)
         if not self._flat_observation:
             return named
@@ -272,16 +272,18 @@ class Environment(control.Environment):
 
 
 class Settings(TypedDict, total=False):
-    """Keywords of every task's factory.
+    """Keyword arguments of `TaskDefinition.environment`, which makes a task's environment.
 
     Attributes:
-      robot: Pose x, y in [m] and heading in [rad], or a corner; None (default) for random poses.
-      spot: Centre x, y in [m], or a corner; None (default) for random places.
-      nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); robots with a nose only.
+      robot: Pose x, y in [m] and heading in [rad], or "upper_left" or "upper_right", a corner of
+        the arena; None (default) for random poses.
+      spot: Centre x, y in [m], or a corner, see `robot`; None (default) for random places.
+      nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); only if the task has a
+        nose.
       time_limit: Length of an episode in [s]; None (default) for the task's own.
       random: Random stream, or its seed; None (default) for a seed of the operating system.
-      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
-        [s].
+      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
+        `time_limit`, which replaces the one above.
     """
 
     robot: tuple[float, float, float] | Corner | None
@@ -301,8 +303,8 @@ class TaskDefinition(Checked):
 
     Attributes:
       name: Name of the task, such as "wall_avoidance".
-      rules: Class with the task's observations, reward and measured event.
-      edits: Functions that edit the arena's model, in order.
+      rules: Subclass of `Rules` with the task's observations, reward and measured event.
+      edits: Functions that change the arena's MjSpec in place, called in this order.
       limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
       time_limit: Length of an episode in [s]; infinity for an episode without end.
       spot_seconds: Time between two jumps of the spot in [s], a multiple of 0.1; 0 for a spot that
@@ -364,7 +366,7 @@ class TaskDefinition(Checked):
         return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 
     def episode(self, start: Start, dimensions: Dimensions, steps: float, rules: Rules) -> Episode:
-        """Returns an episode of the task, see `Episode`; ValueError if its life is impossible."""
+        """Returns an episode of at most `steps` steps; ValueError if its life is impossible."""
         if self.life:
             self.life.check(rules, dimensions)
         length = sum(self.life.steps()) if self.life else math.inf
@@ -373,13 +375,13 @@ class TaskDefinition(Checked):
         )
 
     def of_life(self, life: Life) -> TaskDefinition:
-        """Returns the task as one life, whose whole length is one episode."""
+        """Returns a copy of the task in which every episode is a whole life."""
         own: Any = {"name": f"life_{life.name}", "life": life, "limit": 1.0}
         return dataclasses.replace(self, **own, time_limit=math.inf, spot_seconds=0.0)
 
 
 def steps_until(time_limit: float) -> float:
-    """Returns the number of control steps of an episode with a length in [s].
+    """Returns the number of control steps of an episode whose length is given in [s].
 
     As in dm_control, the episode ends with the first step that reaches the limit.
     """

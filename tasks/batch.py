@@ -31,10 +31,10 @@ _MOST_SUBSTEPS = 10_000
 
 
 def stop_timers() -> bool:
-    """Stops MuJoCo's timers in this process, which take a seventh of a small model's step.
+    """Stops MuJoCo's timers in this process; they take a seventh of a small model's time.
 
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
-    clock is a global callback without a public switch. Returns whether it was found.
+    clock is a global callback without a public switch. Returns whether the clock was found.
     """
     for library in Path(mujoco.__file__).parent.glob("libmujoco*"):
         with contextlib.suppress(OSError, ValueError):
@@ -61,7 +61,7 @@ class CapacityError(RuntimeError):
 
 
 def substeps_of(model: mujoco.MjModel) -> int:
-    """Returns the physics steps in a control step; ValueError unless at most 10,000 make 0.1 s."""
+    """Returns how many physics steps make 0.1 s; ValueError unless a whole number up to 10,000."""
     timestep = model.opt.timestep
     substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 1e-9 else 0
     exact = abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9
@@ -107,10 +107,10 @@ class Robots(abc.ABC):
 
     @abc.abstractmethod
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """Places robots of indices (n,) at rest, and updates their sensors.
+        """Places the robots of these indices, shape (n,), at rest, and updates their sensors.
 
         Poses are x, y in [m] and heading in [rad], shape (n, 3). Raises ValueError where there is
-        no such robot, or the poses have another shape or type.
+        no such robot, or the poses have a wrong shape or type.
         """
 
     @abc.abstractmethod
@@ -128,20 +128,20 @@ class Robots(abc.ABC):
           motors: Motor values, left and right, shape (B, 2). Values beyond [-0.5, 0.5] are
             clipped; a robot whose values are not finite becomes invalid.
 
-        Raises ValueError where the motors have another shape or type.
+        Raises ValueError where the motors have a wrong shape or type.
         """
 
     @abc.abstractmethod
     def arrays(self) -> dict[str, np.ndarray]:
         """Returns everything that the next steps depend on, for a checkpoint.
 
-        On the host the arrays themselves, not copies.
+        On the host, these are the arrays themselves, not copies.
         """
 
     def enter(self, world: World) -> None:
-        """Changes the world of all robots, in which their last measurements are read, too.
+        """Changes the world of all robots, and with it how `rules` read the last measurements.
 
-        States do not contain the world. Raises ValueError where the world changes or rewards what
+        `get_state` leaves the world out. Raises ValueError where the world changes or rewards what
         robots of this task do not sense.
         """
         self.rules = world.rules(self._task_rules, self.dimensions.nose)
@@ -150,12 +150,12 @@ class Robots(abc.ABC):
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores what `arrays` returned; the robots continue from it bit-exactly.
 
-        Raises ValueError where an array is missing, or has another shape or type; nothing changes.
+        Raises ValueError where an array is missing or has a wrong shape or type; nothing changes.
         """
         copy_arrays(arrays, self.arrays())
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid: indices, shape (n,), or a mask, shape (B,)."""
+        """Makes robots invalid, given as indices, shape (n,), or as a mask, shape (B,)."""
         self.valid[robots] = False
         self.sensordata[robots] = 0
 
@@ -187,7 +187,7 @@ class Robots(abc.ABC):
         return self.world.motors(motors)
 
     def _stop_unsound(self, sound: np.ndarray) -> None:
-        """Invalidates robots that are not sound, (B, n), or whose sensors are not finite.
+        """Invalidates robots with a False in `sound`, (B, n), or a sensor that is not finite.
 
         All invalid robots sense zeros.
         """
@@ -232,7 +232,7 @@ class Batch(Robots):
     def __init__(
         self, model: mujoco.MjModel, rules: Rules, robots: int, *, threads: int = 0
     ) -> None:
-        """Places B robots at the origin, each in the compiled arena with its rules.
+        """Places B robots at the origin, each alone in the arena.
 
         Args:
           model: Compiled arena, which all robots share.
@@ -241,7 +241,7 @@ class Batch(Robots):
           threads: Number of threads that step the physics; 0 for the calling thread. Results do not
             depend on it.
 
-        Raises ValueError where a number is out of range, see `substeps_of`.
+        Raises ValueError for no robots, negative threads or a wrong timestep, see `substeps_of`.
         """
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         self.model = model
@@ -299,7 +299,7 @@ class Batch(Robots):
             self._stop_unsound(self._sound(time))
 
     def show(self, robot: int, data: mujoco.MjData) -> None:
-        """Copies a robot's state into MuJoCo's data, for a picture; IndexError if there is none."""
+        """Copies a robot's state into MuJoCo's data, for a picture; IndexError for a bad number."""
         if not 0 <= robot < self.robots:
             raise IndexError(f"robot must lie in [0, {self.robots - 1}], got {robot}")
         mujoco.mj_setState(self.model, data, self._state[robot], _STATE)

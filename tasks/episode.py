@@ -1,7 +1,7 @@
 """What an episode is, for every interface: its start, actions, length, random stream and states.
 
 The dm_control environment, the Gymnasium environment and the batch of Gymnasium build an `Episode`
-and hold a `Lifecycle`, so that they refuse the same values with the same sentences.
+and hold a `Lifecycle`, so that they refuse the same values with the same messages.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Episode:
         return min(self.steps, _MOST_STEPS)
 
     def start_with(self, options: Mapping[str, Any] | None) -> Start:
-        """Returns the start of an episode whose `robot` and `spot` replace those of the task.
+        """Returns the task's start, with `robot` and `spot` of the options in place of its own.
 
         Raises TypeError for an unknown option, ValueError for an impossible place.
         """
@@ -79,7 +79,7 @@ class Episode:
         return start
 
     def starting_with(self, options: Mapping[str, Any] | None) -> Self:
-        """Returns the episode with another start; raises what `start_with` raises."""
+        """Returns the episode with the start of `start_with`, and raises what that raises."""
         return dataclasses.replace(self, start=self.start_with(options))
 
     @functools.cached_property
@@ -107,7 +107,7 @@ class Episode:
         return (step > 0) & (step % self.spot_steps == 0)
 
     def motors(self, action: Any) -> tuple[float, float]:
-        """Returns one robot's motor values, clipped; ValueError unless two finite numbers."""
+        """Returns an action's motor values, clipped; ValueError unless it is two finite numbers."""
         left, right = real_numbers("action", action, (2,), finite=True).tolist()
         limit = self.limit
         scale = 0.5 / limit
@@ -130,7 +130,7 @@ class Episode:
 class OneThread:
     """A lock that refuses a second thread, because MuJoCo's data allow only one.
 
-    One thread may hold it several times. A copy is not held.
+    One thread may hold it several times. A copy starts unlocked.
     """
 
     def __init__(self) -> None:
@@ -160,7 +160,7 @@ class Lifecycle:
     """
 
     def __init__(self) -> None:
-        """Begins before the first reset."""
+        """Starts in the stage "new"."""
         self.stage: Stage = "new"
         self.one_thread = OneThread()
 
@@ -201,7 +201,7 @@ def check_keywords(
 def real_numbers(
     name: str, values: Any, shape: tuple[int, ...], finite: bool = False
 ) -> np.ndarray:
-    """Returns values as an array; ValueError, with their name, unless real numbers of a shape."""
+    """Returns values as an array; ValueError unless they are real numbers of this shape."""
     try:
         array = np.asarray(values)
     except ValueError:  # parts of different lengths
@@ -218,21 +218,21 @@ def real_numbers(
 
 
 def whole_number(name: str, value: Any, least: int) -> int:
-    """Returns a whole number; ValueError, with its name, unless it is at least `least`."""
+    """Returns a value as an int; ValueError unless it is a whole number from `least` up."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
         raise ValueError(f"{name} must be a whole number of at least {least}, got {value!r:.60}")
     return int(value)
 
 
 def steps_of(max_episode_steps: Any) -> float:
-    """Returns the control steps of an episode, at least 1; infinity for None and -1."""
+    """Returns the number of steps of an episode, at least 1; infinity for None and -1."""
     if max_episode_steps is None or (type(max_episode_steps) is int and max_episode_steps == -1):
         return math.inf
     return whole_number("max_episode_steps, if not -1,", max_episode_steps, 1)
 
 
 def seconds(time_limit: Any) -> float:
-    """Returns the length of an episode in [s], positive, perhaps infinite; else ValueError."""
+    """Returns a time limit in [s] as a float, perhaps infinite; ValueError unless positive."""
     number = isinstance(time_limit, int | float | np.integer | np.floating)
     if isinstance(time_limit, bool) or not number or not time_limit > 0:
         raise ValueError(f"time_limit must be a positive number of seconds, got {time_limit!r:.60}")
@@ -249,12 +249,12 @@ def stream_state(random: Random) -> dict[str, Any]:
 
 
 def check_stream_state(random: Random, state: Any) -> None:
-    """Raises ValueError unless a state is one of such a random stream."""
+    """Raises ValueError unless `state` fits this kind of random stream."""
     set_stream_state(copy.deepcopy(random), state)
 
 
 def set_stream_state(random: Random, state: Any) -> None:
-    """Sets the state of a random stream; ValueError unless it is one of such a stream."""
+    """Sets the state of a random stream; ValueError unless it fits this kind of stream."""
     try:
         if isinstance(random, np.random.RandomState):
             random.set_state(state)
@@ -265,9 +265,9 @@ def set_stream_state(random: Random, state: Any) -> None:
 
 
 def check_state(state: Any, like: Mapping[str, Any]) -> None:
-    """Raises ValueError unless a state has the keys, types and shapes of another state.
+    """Raises ValueError unless a state has the keys, types and shapes of the state `like`.
 
-    Texts must be equal, and a list that is not empty must have as many parts.
+    Strings must be equal; lists must be equally long, unless the one in `like` is empty.
     """
     if not isinstance(state, Mapping) or set(state) != set(like):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
@@ -287,7 +287,7 @@ def check_state(state: Any, like: Mapping[str, Any]) -> None:
 
 
 def check_counts(name: str, counts: Iterable[Any], most: Iterable[float]) -> None:
-    """Raises ValueError unless counts in a state are whole numbers from 0 to their maxima."""
+    """Raises ValueError unless counts in a state are whole numbers from 0 to those in `most`."""
     for count, limit in zip(counts, most, strict=True):
         whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
         if not whole or not 0 <= count <= limit:

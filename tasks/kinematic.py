@@ -99,7 +99,8 @@ def after_control_step(
     """Moves robots for a control step of 0.1 s, see `models.kinematic.drive`.
 
     Returns:
-      Poses and speeds of the wheels at the end; and whether the robots are in contact, shape (B,).
+      Poses, shape (B, 3), and speeds of the wheels in motor values, shape (B, 2), at the end; and
+      whether each robot is in contact, shape (B,).
     """
     contact: Any = False
     piece = CONTROL_TIMESTEP / how.pieces
@@ -117,7 +118,7 @@ def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:
 
 
 def moved_ahead(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Returns how far robots moved along their last heading in [m], shape (B,)."""
+    """Returns how far robots moved along their final heading, in [m], shape (B,)."""
     x, y = (after[:, :2] - before[:, :2]).T
     return x * np.cos(after[:, 2]) + y * np.sin(after[:, 2])
 
@@ -128,9 +129,9 @@ def measure(
     world: tuple[np.ndarray, np.ndarray, np.ndarray],
     size: Dimensions,
 ) -> None:
-    """Writes what robots measure, where MuJoCo's sensors would, into `sensordata`.
+    """Writes what robots measure into `sensordata`, at the places of MuJoCo's sensors.
 
-    The world is their poses, (B, 3), the centres of their spots, (B, 2), and contacts, (B,).
+    `world` has their poses, (B, 3), the centres of their spots, (B, 2), and contacts, (B,).
     """
     poses, spots, touch = world
     sensordata[:, layout.distances] = distances(poses, size)
@@ -150,8 +151,9 @@ def make_kinematic_batch(
 ) -> KinematicBatch:
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
-    The arguments are those of `make_batch`, but the task must have the paper's robot and arena: no
-    pillars, no second nose. Edits count only as far as they change the model's `Dimensions`.
+    The arguments are those of `make_batch`, with `kinematics` in place of `threads`. The task must
+    have the paper's robot and arena: no pillars, no second nose. Edits count only as far as they
+    change the model's `Dimensions`.
 
     Raises ValueError for another task or a value out of range.
     """

@@ -76,10 +76,10 @@ class Phase(Checked):
     def draw(
         self, random: Random, dimensions: Dimensions, robots: int
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Returns the places of robots at the start, drawn in this order.
+        """Returns places for spots, then for robots, drawn in this order.
 
-        Returns centres of the spots, shape (B, 2), and poses, shape (B, 3); None where robots or
-        spots stay.
+        Returns centres of the spots, shape (B, 2), and poses of the robots, shape (B, 3); None for
+        what stays where it is.
         """
         spots = poses = None
         if self.spot == "random":
@@ -134,7 +134,7 @@ class Life(Checked):
     unmeasured: Unmeasured = choice("ignorant", Unmeasured)
 
     def __post_init__(self) -> None:
-        """Raises ValueError where a value is not allowed, or tests are not first and last."""
+        """Raises ValueError where a value is not allowed, or phases are not in order."""
         super().__post_init__()
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
@@ -169,7 +169,7 @@ class Life(Checked):
         return dataclasses.replace(self, phases=phases)
 
     def newborn(self, number: int) -> Life:
-        """Returns the life of a robot that is born in phase `number`, from 1, and sees no other.
+        """Returns a life that consists of phase `number` alone, counted from 1.
 
         IndexError where there is no such phase.
         """
@@ -179,12 +179,12 @@ class Life(Checked):
 
     @property
     def worlds(self) -> tuple[World, ...]:
-        """The different worlds, in the order in which they first come."""
+        """The different worlds, in the order in which they first occur."""
         return tuple(dict.fromkeys(phase.world for phase in self.phases))
 
     @property
     def tested(self) -> bool:
-        """Whether it has a test before and after training, which Learn Ability compares."""
+        """Whether the life has tests before and after training, which Learn Ability compares."""
         return {"pre", "post"} <= {phase.stage for phase in self.phases}
 
     def steps(self) -> list[int]:
@@ -206,7 +206,7 @@ class Life(Checked):
     def minutes_of(self, stage: Stage) -> slice:
         """Returns a slice: the stage's minutes in a curve with one value per minute of the life.
 
-        With a small time scale two stages may share a minute, which then is in both.
+        With a small time scale, two stages may share a minute, which is then in both slices.
         """
         first = sum(self.steps_of(before) for before in STAGES[: STAGES.index(stage)])
         last, minute = first + self.steps_of(stage), control_steps(1)
@@ -245,7 +245,7 @@ def place(batch: Robots, phase: Phase, random: Random) -> None:
 
 
 def enter(batch: Robots, world: World) -> None:
-    """Changes the world of robots, see `Robots.enter`, unless they are in it."""
+    """Changes the world of robots, see `Robots.enter`, unless they are in it already."""
     if batch.world != world:
         batch.enter(world)
 
@@ -316,7 +316,7 @@ def _changing(name: str, title: str, worlds: list[World], task: str = "spot_find
 
 
 def _turned(angle: float) -> World:
-    """Returns a world in which the motors' two values are turned by an angle in [rad]."""
+    """Returns a world that rotates the pair of motor values by an angle in [rad]."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return World(wheels=(cosine, sine, -sine, cosine))
 
@@ -338,7 +338,7 @@ LIVES: Mapping[str, Life] = MappingProxyType(
 
 
 def life_named(name: str, lives: Mapping[str, Life] = LIVES) -> Life:
-    """Returns a life by its name; NAME@K is that of a newborn of phase K. KeyError for none."""
+    """Returns a life by its name; NAME@K is phase K alone, from 1. KeyError if there is none."""
     name, at, number = name.partition("@")
     if not at:
         return lives[name]
@@ -375,7 +375,7 @@ def _phase_from(fields: Any) -> Phase:
 
 
 def _known(fields: Any, cls: type, what: str) -> dict[str, Any]:
-    """Returns fields by name; ValueError for a name that the dataclass has not."""
+    """Returns fields by name; ValueError for a name that is no field of `cls`."""
     names = [field.name for field in dataclasses.fields(cls)]
     if not isinstance(fields, Mapping):
         raise ValueError(f"{what} must have names with values, got {fields!r:.60}")

@@ -34,7 +34,7 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
 
     Args:
       name: Name of the task, in lower case with underscores, such as "two_spots".
-      rules: Class with the task's observations, reward and measured event.
+      rules: Subclass of `Rules` with the task's observations, reward and measured event.
       **settings: Further fields of `TaskDefinition`: `model`, the MJCF file of an arena with its
         robot; `edits` of the model, `limit` of the actions, `time_limit` and `spot_seconds` in [s].
 
@@ -44,8 +44,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     Raises:
       KeyError: The arena lacks a sensor.
       TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is one of the suite or has another form, a setting is out of range, the
-        arena lacks something, or the rules do not return what they declare.
+      ValueError: The name is in the suite or not in this form, a setting is out of range,
+        `check_arena` refuses the arena, or the rules do not return what they declare.
     """
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise ValueError(f"name must be lower case with underscores, got {name!r:.60}")
@@ -91,7 +91,7 @@ def _file(model: Any) -> Path:
 
 
 def _check_rules(batch: Batch) -> None:
-    """Raises ValueError unless rules return what they declare, of one robot and of several.
+    """Raises ValueError unless rules return what they declare, for one robot and for several.
 
     Two robots drive from the spot into a wall.
     """

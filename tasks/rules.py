@@ -20,7 +20,7 @@ _ROUNDING = 1e-6  # by which a task's values may exceed their declared range
 
 
 def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
-    """Returns the indices in `sensordata` of `length` numbers, from the first of a sensor on.
+    """Returns a slice of `sensordata`: `length` numbers, from the first one of a sensor on.
 
     Raises KeyError where the arena lacks the sensor.
     """
@@ -87,7 +87,7 @@ class Rules(abc.ABC):
 
     @classmethod
     def of(cls, model: mujoco.MjModel, nose: NoseForm = "inverse") -> Self:
-        """Returns the rules for an arena, with a form of Eq. 3; KeyError if it lacks a sensor."""
+        """Returns the rules for an arena and a form of Eq. 3; KeyError if a sensor is missing."""
         del nose
         return cls(SensorLayout.of(model))
 
@@ -103,16 +103,16 @@ class Rules(abc.ABC):
 
     @abc.abstractmethod
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns the reward, shape (...)."""
+        """Returns each robot's reward, shape (...)."""
 
     @abc.abstractmethod
     def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the event that Learn Ability counts happens, shape (...)."""
+        """Returns whether the measured event, which Learn Ability counts, holds; shape (...)."""
 
     def checked_reward(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns the reward, shape (...), for an interface that hands it on.
+        """Returns `reward(sensordata)`, shape (...), after a check.
 
-        Raises ValueError unless it is finite numbers of this shape within `rewards`.
+        Raises ValueError unless these are finite numbers of this shape within `rewards`.
         """
         found = np.asarray(self.reward(sensordata))
         if not within(found, sensordata.shape[:-1], self.rewards):

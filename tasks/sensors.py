@@ -19,7 +19,7 @@ NoseForm = Literal["inverse", "printed"]
 
 
 def distance_signal(distance: np.ndarray) -> np.ndarray:
-    """Returns Eq. 2, s = 1 / (1 + d)^10: 1 at a wall, 0 far from everything, in any shape.
+    """Returns Eq. 2, s = 1 / (1 + d)^10, for d of any shape: 1 at a wall, 0 far from everything.
 
     The distance d to the nearest obstacle is in [m]. A negative one, MuJoCo's for a ray that hits
     nothing, gives 0.
@@ -42,7 +42,7 @@ class Nose(Checked):
 
     Attributes:
       odour: Amount of odour o of the spot (Eq. 3) in [mol].
-      frustum: Opening angle alpha of the nose in [rad]; it smells up to alpha / 2 off the front.
+      frustum: Opening angle alpha of the nose in [rad]; it smells up to alpha / 2 to each side.
       spot_radius: Radius r of the odorous spot, in [m].
       form: "inverse": the raw signal falls with the distance, as r/d, so that it is highest in
         the spot. "printed": Eq. 3 as printed, d/r, which grows with the distance

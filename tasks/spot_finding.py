@@ -52,7 +52,7 @@ class SpotFindingRules(Rules):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TwoNosesRules(SpotFindingRules):
-    """Spot finding with a nose on either side: their difference gives the side of the spot.
+    """Spot finding with two noses: the difference of their signals shows the side of the spot.
 
     The event is the same as with one nose: the front of the rim is inside the spot.
 
@@ -105,7 +105,7 @@ class SpotOrDrivingRules(SpotAmongWallsRules):
     """Spot finding with wall sensing, in a life that may reward driving instead.
 
     Attributes:
-      driving: Rules whose reward is that of a phase which rewards driving.
+      driving: Rules that give the reward in a phase that rewards driving.
     """
 
     driving: DrivingRules

@@ -40,8 +40,8 @@ class ArenaVecEnv(VecEnv):
           task: Name of a task, see `musebot.ALL_TASKS`, or its Gymnasium id; or "life", with the
             keyword `life`. MODULE:NAME first imports the module, which registers the task.
           num_envs: Number of robots, B.
-          **kwargs: Keywords of `ArenaVectorEnv`; `max_episode_steps` is by default that of the
-            task, 1,000 in the suite.
+          **kwargs: Keywords of `ArenaVectorEnv` except `autoreset_mode`; `max_episode_steps` is by
+            default that of the task, 1,000 in the suite.
         """
         is_life = task in (LIFE_DOMAIN, LIFE_ID)
         name = LIFE_DOMAIN if is_life else task_name(task)
@@ -74,7 +74,7 @@ class ArenaVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Simulates 0.1 s; returns observations (B, S), rewards (B,), ends (B,) and infos.
+        """Simulates 0.1 s; returns observations (B, S), rewards (B,), dones (B,) and infos.
 
         The infos hold the entries of `INFO` at the end of an episode only, to save time.
         """
@@ -120,6 +120,6 @@ class ArenaVecEnv(VecEnv):
 
 
 def _of(info: Mapping[str, Any], robot: Any) -> dict[str, Any]:
-    """Returns the entries of `INFO`, in a life also those of `LIFE_INFO`, of a robot."""
+    """Returns one robot's entries of `INFO` and, in a life, of `LIFE_INFO`."""
     names = [name for name in (*INFO, *LIFE_INFO) if name in info]
     return {name: info[name][robot] for name in names}

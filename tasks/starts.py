@@ -60,8 +60,8 @@ class Start:
     """Places of robot and spot at the start of an episode.
 
     Attributes:
-      robot: Pose of the robot: x, y in [m] and heading in [rad]; or a corner, which the robot
-        faces; None draws a pose for every episode.
+      robot: Pose of the robot: x, y in [m] and heading in [rad]; or a corner that it faces,
+        "upper_left" or "upper_right"; None draws a pose for every episode.
       spot: Centre of the spot: x, y in [m]; or a corner; None draws a place for every episode.
     """
 

@@ -59,7 +59,7 @@ TASKS_BY_DOMAIN = {DOMAIN: tuple(sorted(SUITE))}
 
 
 def task_definition(task_name: str) -> TaskDefinition:
-    """Returns a task of the table; ValueError if there is none of this name."""
+    """Returns a task of `TASKS` by its name; ValueError if there is none."""
     if not isinstance(task_name, str) or task_name not in TASKS:
         raise ValueError(
             f"Level {task_name!r:.60} does not exist in domain {DOMAIN!r}: task must be one of "
@@ -69,7 +69,7 @@ def task_definition(task_name: str) -> TaskDefinition:
 
 
 def life_definition(life: Any) -> TaskDefinition:
-    """Returns the task whose one episode is a life, given as its name or itself.
+    """Returns the task in which an episode is one life, given by its name or as a `Life`.
 
     Raises ValueError where there is none.
     """
@@ -89,14 +89,14 @@ def load(
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
 ) -> Environment:
-    """Returns an environment, with the signature of `dm_control.suite.load`.
+    """Returns a task's dm_control environment; called like `dm_control.suite.load`.
 
     Args:
-      domain_name: "arena", or "life" for lives that are one episode.
-      task_name: Name of a task, see `ALL_TASKS`, or of a life, see `lives.LIVES`.
-      task_kwargs: Keywords of the task, such as `random`, `robot` and `spot`, see `arena.Settings`.
-      environment_kwargs: `flat_observation`, whether all signals are one array, and `time_limit` in
-        [s].
+      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one long episode.
+      task_name: Name of a task in `ALL_TASKS`; in the domain "life", of a life in `lives.LIVES`.
+      task_kwargs: Keyword arguments of the task, such as {"random": 1}; see `arena.Settings`.
+      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
+        `time_limit`, the length of an episode in [s].
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:
@@ -147,7 +147,7 @@ def make_batch(
 
     Args:
       task_name: Name of a task, a key of `TASKS`.
-      robots: Number of robots.
+      robots: Number of robots, B.
       nose: Form of Eq. 3, "inverse" or "printed", see `sensors.Nose`.
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s]; None keeps the model's.
       edits: Further edits of the arena's model, after the task's own.

@@ -77,7 +77,7 @@ class DrivingRules(WallAvoidanceRules):
         }
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns the speed ahead; 0 in reverse and in contact."""
+        """Returns the speed ahead, as a share of the top speed; 0 in reverse and in contact."""
         free = 1.0 + super().reward(sensordata)
         return free * np.maximum(self._speed(sensordata), 0.0)
 

@@ -89,7 +89,7 @@ class WorldRules(Rules):
 
     Attributes:
       task: Rules of the task in the default world.
-      world: World that changes them.
+      world: World that changes the task's rules.
       nose: Distance of the nose from the robot's centre in [m].
     """
 
@@ -124,13 +124,13 @@ class WorldRules(Rules):
         return found
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns the reward of the world, shape (...)."""
+        """Returns the reward in this world, shape (...)."""
         if self.world.rewarded == "driving":
             return self._driving(sensordata)
         return self.task.reward(self._turned(sensordata))
 
     def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether what the world rewards is reached, shape (...)."""
+        """Returns whether the event holds: the task's own, or that of driving; shape (...)."""
         if self.world.rewarded == "driving":
             return self._driving(sensordata) >= _DRIVES
         return self.task.event(self._turned(sensordata))
@@ -152,5 +152,5 @@ class WorldRules(Rules):
 
 
 def sensor_names(kind: str, length: int) -> tuple[str, ...]:
-    """Returns the sensor that measures each number of an observation."""
+    """Returns the name of the sensor behind each number of an observation."""
     return RANGEFINDERS if kind == "distances" else (kind,) * length

@@ -1,4 +1,4 @@
-"""Agents that drive the robots: the neurocontroller, or a user's own subclass of `Agent`."""
+"""Agents that drive robots: the paper's brain, other learners, fixed policies, users' agents."""
 
 from ... import controller as _controller  # noqa: F401  without torch it says how to get it
 from .base import Agent

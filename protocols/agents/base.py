@@ -11,7 +11,7 @@ _WORD = 2**64 - 1
 
 
 def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
-    """Returns which of B robots have finite weights only, shape (B,); weights of shape (B, ...)."""
+    """Returns whether the weights of each of B robots, arrays (B, ...), are all finite, (B,)."""
     found = np.ones(robots, dtype=bool)
     for array in weights.values():
         found &= np.isfinite(array).reshape(robots, -1).all(axis=1)
@@ -22,11 +22,11 @@ def random_state(random: np.random.Generator) -> np.ndarray:
     """Returns the state of a generator that `np.random.default_rng` made, for `Agent.state`.
 
     Returns:
-      Six words, uint64, shape (6,): two of PCG64's state and two of its increment, and whether half
-      of a drawn word is left over, as after an odd number of small `integers`, and which.
+      Six numbers, uint64, shape (6,): PCG64's state and increment (128 bits each, the low half
+      first), whether 32 drawn bits are left for the next draw (0 or 1), and these bits.
 
     Raises:
-      ValueError: It is another kind of generator.
+      ValueError: the generator is not a PCG64.
     """
     held = random.bit_generator.state
     if held["bit_generator"] != "PCG64":
@@ -36,10 +36,10 @@ def random_state(random: np.random.Generator) -> np.ndarray:
 
 
 def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
-    """Restores what `random_state` returned, so that the next numbers are the same.
+    """Sets a generator to a state that `random_state` returned: the same numbers follow.
 
     Raises:
-      ValueError: They are no state of PCG64.
+      ValueError: `words` is no state of a PCG64.
     """
     if np.shape(words) != (6,):
         raise ValueError(f"a generator's state has six words, got the shape {np.shape(words)}")
@@ -55,22 +55,22 @@ def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
 class Agent(abc.ABC):
     """An agent that drives B robots in lockstep.
 
-    In every control step the simulation calls `act` with the robots' observations and then, in
-    training, `learn` with the reward of the previous action, observed at the same time. It calls
-    `reset` before the first step and whenever all robots are placed anew.
+    In every control step, the simulation calls `act` with the robots' observations. In training, it
+    then calls `learn` with the reward of the previous action, which was observed together with
+    these. It calls `reset` before the first step and whenever all robots are placed anew.
     """
 
     @abc.abstractmethod
     def reset(self) -> None:
-        """Handles a new placement: no action led to the next observation."""
+        """Forgets the last action: after a new placement, no action led to the next observation."""
 
     @abc.abstractmethod
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         """Chooses the robots' motor values.
 
         Args:
-          state: Observations, float32, shape (B, S).
-          learning: False in the tests, in which the agent must not explore.
+          state: The S observed signals of each robot, float32, shape (B, S).
+          learning: Whether the robots are in training; in tests, the agent must not explore.
 
         Returns:
           Left and right motor value in [-0.5, 0.5], shape (B, 2).
@@ -78,50 +78,50 @@ class Agent(abc.ABC):
 
     @abc.abstractmethod
     def learn(self, reward: np.ndarray) -> None:
-        """Learns from a step; called in training only.
+        """Learns from the reward of the previous action; called in training only, after `act`.
 
         Args:
           reward: Reward of the previous action, observed together with the state last given to
-            `act`, float32, shape (B,). After a `reset` it belongs to no action.
+            `act`, float32, shape (B,). The first one after a `reset` belongs to no action.
         """
 
     @abc.abstractmethod
     def state(self) -> dict[str, np.ndarray]:
         """Returns everything that the next steps depend on, random streams included.
 
-        The arrays may be the agent's own: the checkpoint is written before the next step.
+        The arrays need not be copies: the checkpoint is written before the next step.
         """
 
     @abc.abstractmethod
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Restores what `state` returned, so that the next steps are bit-exact.
+        """Restores what `state` returned: the next steps are then the same, bit-exactly.
 
         Raises:
-          ValueError: an array is missing, or its shape differs.
+          ValueError: an array is missing or has a wrong shape.
         """
 
     def weights(self) -> dict[str, np.ndarray]:
-        """Returns all that actions in a test depend on, for results.safetensors.
+        """Returns all arrays that actions in a test depend on, by name, each of shape (B, ...).
 
-        Both what was learned and what was drawn from the seed: arrays of shape (B, ...). A robot
-        with a weight that is not finite is stopped and counted as invalid.
+        They include those drawn from the seed. A run keeps them in results.safetensors. A robot
+        with a NaN or infinite weight is stopped and counted as invalid.
         """
         return {}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Takes over what `weights` returned, so that the agent acts as in the test after training.
+        """Takes over what `weights` returned, so that the agent acts as in a test with them.
 
-        `musebot film` and `musebot explore` need it; lives do not.
+        `musebot film` and `musebot explore` need this method; the simulation of lives does not.
 
         Raises:
-          NotImplementedError: the agent cannot do it.
-          ValueError: an array is missing, or its shape differs.
+          NotImplementedError: the agent cannot take over weights.
+          ValueError: an array is missing or has a wrong shape.
         """
         raise NotImplementedError(f"{type(self).__name__} has no load_weights")
 
 
 class Wrapper(Agent):
-    """An agent that passes every call on to another; a subclass changes some of them.
+    """An agent that passes every call on to another agent; a subclass changes some calls.
 
     Attributes:
       agent: Agent that receives the calls.
@@ -153,7 +153,7 @@ class Wrapper(Agent):
 
 
 class Recorder(Wrapper):
-    """An agent whose motor values are kept in the list `motors`."""
+    """A wrapper that keeps the motor values of each step, shape (B, 2), in the list `motors`."""
 
     def __init__(self, agent: Agent) -> None:
         super().__init__(agent)

@@ -1,4 +1,4 @@
-"""Checks what a user's agent returns, and turns each of its faults into one sentence."""
+"""Checks what a user's agent returns, and reports each of its faults in one sentence."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _PYTHON = sysconfig.get_paths()["stdlib"]
 
 
 class CheckedAgent(Agent):
-    """An agent whose code is not ours: each fault becomes one sentence that names the agent.
+    """A user's agent whose faults become errors of one sentence, which names the agent.
 
     Every method raises InputError where the agent returns what the interface does not allow, and
     RunError where it fails, exits or returns motor values that are not finite. The agent receives
@@ -31,7 +31,7 @@ class CheckedAgent(Agent):
     """
 
     def __init__(self, name: str, make: Callable[[], object], robots: int) -> None:
-        """Makes the agent of B robots, by the factory of this name.
+        """Makes the agent of B robots by `make`; errors name its factory, `name`.
 
         Raises:
           InputError: the factory fails, or returns no agent.
@@ -48,7 +48,7 @@ class CheckedAgent(Agent):
         self._call("reset")
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        """See `Agent.act`; a robot whose weights are not finite may act as it likes."""
+        """See `Agent.act`; only robots with a NaN or infinite weight may have such motor values."""
         motors = np.asarray(self._call("act", state.copy(), learning))
         if motors.shape != (self._robots, 2):
             raise self._wrong(f"motor values of shape ({self._robots}, 2), got {motors.shape}")
@@ -89,7 +89,7 @@ class CheckedAgent(Agent):
             return getattr(self._agent, method)(*arguments)
 
     def _arrays(self, what: str) -> dict[str, np.ndarray]:
-        """Returns what a method returns, if it is a dict of arrays that a file can hold."""
+        """Returns the arrays of a method, "state" or "weights", if a file can hold them."""
         arrays = self._call(what)
         if not isinstance(arrays, Mapping):
             raise self._wrong(f"a dict of real arrays as its {what}, got {type(arrays).__name__}")
@@ -112,11 +112,11 @@ def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 def ending_in_a_sentence(
     what: str, kind: type[Exception] = RunError, passed: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """Turns whatever a user's code raises within into one sentence.
+    """Turns what a user's code raises in this context into an error of one sentence.
 
     Args:
-      what: Beginning of the sentence, which the fault completes.
-      kind: Type of error that an exception becomes; an exit always becomes a RunError.
+      what: Beginning of the sentence, such as "NAME failed in act"; the fault follows.
+      kind: Type of the error that replaces an exception; an exit always becomes a RunError.
       passed: Types of exceptions that are raised unchanged.
 
     Raises:
@@ -133,7 +133,7 @@ def ending_in_a_sentence(
 
 
 def fault(error: BaseException) -> str:
-    """Returns type, text and place of an error in one line: the last place in a user's code."""
+    """Returns an error's type, text and last file and line in a user's code, in one line."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         python = frame.filename.startswith(_PYTHON)

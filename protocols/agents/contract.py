@@ -1,7 +1,7 @@
-"""The contract of agents: laws that every agent keeps, on streams of signals, without a simulation.
+"""Checks an agent against the laws of all agents, with drawn signals, without a simulation.
 
 Example:
-  A test of an agent of yours, which pytest runs:
+  A test of your own agent, for pytest:
 
     from musebot.protocols.agents.contract import AgentContract
 
@@ -37,11 +37,11 @@ Arrays = Mapping[str, np.ndarray]
 
 
 class AgentContract:
-    """Laws of an agent; each raises AssertionError with one sentence if the agent breaks it.
+    """The laws of agents, a test each; it raises AssertionError if the agent breaks the law.
 
     Attributes:
-      name: Name of the agent, or its factory as package.module:factory; its code is run.
-      task: Task whose signals the agent receives.
+      name: Name of the agent, or its factory as package.module:factory, whose code will run.
+      task: Name of the task whose signals the agent receives.
       signals: Observation set: "paper", or "raw" with smell and reward before they saturate.
       learns: Whether training must change the agent's weights.
       settings: Values of the agent's settings that differ from the defaults, by name.
@@ -54,13 +54,13 @@ class AgentContract:
     settings: Mapping[str, float] = {}
 
     def test_motor_values_lie_in_their_range(self) -> None:
-        """Larger values would be clipped."""
+        """Motor values lie in [-0.5, 0.5]; the simulation would clip others."""
         _law(np.isfinite(self.motors).all(), "motor values are not finite")
         largest = float(np.abs(self.motors).max())
         _law(largest <= 0.5, f"motor values must lie in [-0.5, 0.5], the largest is {largest:.3g}")
 
     def test_weights_stay_finite(self) -> None:
-        """A robot with a weight that is not finite is stopped."""
+        """No weight becomes NaN or infinite; a simulation would stop such a robot."""
         agent = self.made()
         for step in range(STEPS):
             for name, array in agent.weights().items():
@@ -69,11 +69,11 @@ class AgentContract:
             self.feed(agent, step, step + 1)
 
     def test_the_seed_decides_everything(self) -> None:
-        """An agent that draws from its seed only can be simulated again."""
+        """Equal seeds give equal actions, so that a life can be simulated again."""
         _same("the same seed gives other actions", self.life(), self.motors)
 
     def test_training_changes_weights(self) -> None:
-        """An agent without weights may learn elsewhere."""
+        """Training changes the weights; an agent without weights may learn elsewhere."""
         agent = self.made()
         born = _copied(agent.weights())
         self.feed(agent, 0, STEPS)
@@ -81,7 +81,7 @@ class AgentContract:
             _law(_differing(born, agent.weights()), "training changes no weights")
 
     def test_tests_change_no_weights(self) -> None:
-        """What was learned is kept as it is at the end of training."""
+        """A test, which is without learning, leaves the weights as they are."""
         agent = self.made()
         self.feed(agent, 0, 30)
         before = _copied(agent.weights())
@@ -90,7 +90,7 @@ class AgentContract:
         _law(not changed, f"a test changes the weights {changed}")
 
     def test_a_restored_state_continues_bit_exactly(self) -> None:
-        """Several checkpoints, since what one misses may matter at some steps only."""
+        """Tries three checkpoints, since what they lack may matter at some steps only."""
         first, begin = self.made(), 0
         states = {}
         for step in _CHECKPOINTS:
@@ -106,7 +106,7 @@ class AgentContract:
             _law(not changed, f"after a checkpoint at step {step} state() has other {changed}")
 
     def test_robots_share_nothing_but_random_numbers(self) -> None:
-        """The signals and rewards of all robots but the first are changed."""
+        """Other signals and rewards of all other robots do not change the first robot's actions."""
         states, rewards = (array.copy() for array in self.stream)
         states[:, 1:], rewards[:, 1:] = states[::-1, 1:], rewards[::-1, 1:]
         first = _lived(self.made(), states, rewards)[:, 0]
@@ -114,7 +114,7 @@ class AgentContract:
         _law(equal, "other robots' signals change a robot's actions")
 
     def test_nothing_is_learned_across_a_placement(self) -> None:
-        """The first reward after `reset` belongs to no action."""
+        """The first reward after `reset` changes no weights, since it belongs to no action."""
         found = []
         for reward in (self.stream[1].min(), self.stream[1].max()):
             agent = self.made()
@@ -127,7 +127,7 @@ class AgentContract:
         _law(not changed, f"the first reward after reset changes {changed}")
 
     def test_kept_weights_drive_it_again(self) -> None:
-        """Films need it; an agent may be without `load_weights`."""
+        """Loaded weights give the same actions, as films need; `load_weights` may be missing."""
         agent, other = self.made(), self.made(seed=3)
         self.feed(agent, 0, STEPS)
         try:
@@ -143,7 +143,7 @@ class AgentContract:
             _law(equal, "loaded weights drive it otherwise: weights() misses something")
 
     def test_robots_may_differ_in_their_settings(self) -> None:
-        """One value for all is that value for each, and another robot's value changes nothing."""
+        """A value for all acts as that value for each; a robot's own value affects it alone."""
         each = {n: one for n, one in settings_of(self._factory).items() if one.each}
         if not each:
             return
@@ -177,7 +177,7 @@ class AgentContract:
 
     @functools.cached_property
     def stream(self) -> tuple[np.ndarray, np.ndarray]:
-        """Signals (STEPS, B, S) and rewards (STEPS, B) from their ranges, with their ends."""
+        """Drawn signals (STEPS, B, S) and rewards (STEPS, B), some at an end of their ranges."""
         states, rewards = random_signals(self._senses, STEPS, ROBOTS)
         # Saturated and silent signals occur in a life more often than any other.
         states[::7] = [signal.low for signal in self._senses.state]
@@ -191,7 +191,7 @@ class AgentContract:
         return raw_senses(senses) if self.signals == "raw" else senses
 
     def made(self, seed: int = 1, **settings: list[float]) -> Agent:
-        """Returns a new agent of B robots that has been placed."""
+        """Returns a new agent of `ROBOTS` robots, after its first `reset`."""
         values = {name: [value] for name, value in self.settings.items()} | settings
         checked = checked_settings(self.name, self._factory, values, ROBOTS)
         make = functools.partial(self._factory, ROBOTS, self._senses, seed, **checked)
@@ -200,7 +200,7 @@ class AgentContract:
         return agent
 
     def feed(self, agent: Agent, first: int, last: int, learning: bool = True) -> np.ndarray:
-        """Returns the motor values of some steps of the stream, shape (steps, B, 2)."""
+        """Feeds the steps from `first` to before `last`; returns motor values (steps, B, 2)."""
         states, rewards = self.stream
         return _lived(agent, states[first:last], rewards[first:last], learning)
 
@@ -215,7 +215,7 @@ class AgentContract:
 
 
 def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
-    """Returns a sentence for each law that an agent breaks, with each task's signals.
+    """Returns a sentence for each law that an agent breaks, in four cases of task and signals.
 
     The agent's code is run; its settings are given as NAME=VALUE.
 
@@ -266,7 +266,7 @@ def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
 
 
 def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:
-    """Returns the values at some shares of the range of each setting."""
+    """Returns each setting's values at the given shares of its range, from 0 to 1."""
     return {name: [one.at(share) for share in shares] for name, one in settings.items()}
 
 
@@ -275,7 +275,7 @@ def _copied(arrays: Arrays) -> dict[str, np.ndarray]:
 
 
 def _differing(first: Arrays, second: Arrays) -> str:
-    """Returns the names of at most three arrays that are not bit-equal, and "" if all are."""
+    """Returns the names of at most three arrays that are not bit-equal; "" if all are equal."""
     none = np.empty(0)
     wrong = [
         name

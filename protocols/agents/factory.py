@@ -1,7 +1,7 @@
-"""Factories of agents by name, and which users' factories may run.
+"""Finds factories of agents by name, and decides which users' factories may run.
 
-A factory, named `package.module:factory`, receives the number of robots, what they sense and a
-seed; the run's settings follow as keywords. It returns an `Agent`.
+A factory, named `package.module:factory`, receives the number of robots, their `Senses` (ranges of
+signals and reward) and a seed; the run's settings follow as keywords. It returns an `Agent`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def trust(*names: str) -> None:
 
 
 def check_trusted(name: str, source: object) -> None:
-    """Raises InputError for a factory that a `source`, such as a file, names, but no command."""
+    """Raises InputError if only a `source`, such as a file, names a factory, but no command."""
     if not is_own(name) and name not in _TRUSTED:
         raise InputError(
             f"{source} names the agent {name}, whose code would be run: allow it by --agent "
@@ -46,7 +46,7 @@ def factory_of(name: str) -> Callable[..., Agent]:
     """Returns the factory of an agent.
 
     Args:
-      name: Name of the agent: one of `RECORDED_NAMES`, as a run records it, or
+      name: Name of the agent: a short one, that which a run records (see `RECORDED_NAMES`), or
         "package.module:factory".
 
     Raises:

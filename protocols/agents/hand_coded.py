@@ -1,4 +1,4 @@
-"""Bounds of what the robots can learn: a hand-coded policy, and newborns that learn nothing."""
+"""Bounds of what robots can learn: a hand-coded policy (upper), an untrained brain (lower)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _SIGNALS = 5  # of a robot that senses walls: front, back, left, right, contact
 class HandCoded(Agent):
     """Finds the spot and stands in it, or drives about without touching a wall.
 
-    With a nose it turns until it smells the spot, drives there, and stands still in it. Without
-    one it drives ahead, turns on the spot before a wall, and away from a wall beside it. It learns
-    nothing and acts in training as in the tests.
+    With a nose, a robot turns until it smells the spot, drives there, and stands still in it.
+    Without one, it drives ahead, turns in place in front of a wall, and away from a wall beside it.
+    The policy learns nothing and acts in training as in the tests.
     """
 
     # It drives in a slight curve, in the direction of the turn: a robot that smells the spot
@@ -31,7 +31,7 @@ class HandCoded(Agent):
     NEAR, BESIDE = 0.3, 0.6  # Eq. 2 at 0.13 m and 0.05 m
 
     def __init__(self, senses: Senses) -> None:
-        """Looks up the nose's signal inside the spot (Eq. 3).
+        """Prepares the policy for a robot's signals; looks up the smell inside the spot (Eq. 3).
 
         Raises:
           InputError: the robot has neither a nose nor distance sensors.
@@ -47,7 +47,7 @@ class HandCoded(Agent):
         self._maximal = senses.state[noses[0]].saturated - 1e-6 if noses else None
 
     def reset(self) -> None:
-        """Has nothing to forget."""
+        """Does nothing: the policy has no memory."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         if self._nose is None:
@@ -66,14 +66,14 @@ class HandCoded(Agent):
         return {}
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Has no state."""
+        """Does nothing: the policy has no state."""
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Has no weights."""
+        """Does nothing: the policy has no weights."""
 
 
 class Newborn(NeurocontrollerAgent):
-    """A brain that stays as it was born, and does not explore."""
+    """An untrained brain that learns nothing and does not explore."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         return super().act(state, False)
@@ -83,17 +83,17 @@ class Newborn(NeurocontrollerAgent):
 
 
 def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
-    """A hand-coded policy, which learns nothing: a bound from above.
+    """Makes robots with the hand-coded policy, an upper bound of what can be learned.
 
     Raises:
-      InputError: it has no policy for these signals.
+      InputError: there is no hand-coded policy for these signals.
     """
     del robots, seed  # it has no state, and nothing is random
     return HandCoded(senses)
 
 
 def newborn(robots: int, senses: Senses, seed: int) -> Agent:
-    """A creative newborn with the brain `steady`, which learns nothing: a bound from below."""
+    """Makes untrained creative robots with the brain `steady`, a lower bound of what is learned."""
     brain = BRAINS["steady"]
     state = len(senses.state)
     return Newborn(Neurocontroller(brain, "creative", robots, state, seed, senses))

@@ -1,4 +1,4 @@
-"""Hand-coded policies that are told the world: bounds of what can be reached in a life."""
+"""Hand-coded policies that know their world: upper bounds of what robots reach in a life."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from .hand_coded import HandCoded
 class Informed(Wrapper):
     """The hand-coded policy, adapted to one known world; it learns nothing.
 
-    In its world it is about as good as the hand-coded policy in the default world, if the wiring
-    can be inverted and the nose is at the front or the back. In other worlds it does not change.
+    In its world, it is about as good as the hand-coded policy in the default world, if the wiring
+    can be inverted and the nose is at the front or the back. It acts alike in all other worlds.
     """
 
     def __init__(self, world: World, shapes: dict[str, int], senses: Senses) -> None:

@@ -1,4 +1,4 @@
-"""Names of agents: short ones, those that runs record, and where the code is."""
+"""Names of agents: short names, names that runs record, and the modules of the code."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # a brain that reads raw signals by itse
 
 
 def is_own(name: str) -> bool:
-    """Returns whether a name is a proposer's, or that of one of our own agents."""
+    """Returns whether a recorded name is that of a proposer or of one of our own agents."""
     return name in PROPOSERS or name in FACTORIES
 
 
@@ -48,7 +48,7 @@ def registered_names() -> Mapping[str, str]:
     """Returns the factories that other packages register, by name; none is imported.
 
     A package registers `package.module:factory` by the entry point "musebot.agents". Names of our
-    own agents and proposers stay ours.
+    own agents and proposers are left out.
     """
     found = {point.name: point.value for point in entry_points(group=GROUP)}
     return {name: found[name] for name in sorted({*found} - {*OWN, *PROPOSERS})}
@@ -81,6 +81,6 @@ def short_name(name: str) -> str:
 
 
 def run_words(agent: str, signals: str, settings: Sequence[str]) -> str:
-    """Returns the words of `musebot run` that choose an agent, its signals and its settings."""
+    """Returns the options of `musebot run` that choose an agent, its signals and its settings."""
     chosen = [*(["signals=raw"] if signals == "raw" else []), *(f"agent.{one}" for one in settings)]
     return " ".join([f"--agent {agent}", *(["--set", *chosen] if chosen else [])])

@@ -15,14 +15,14 @@ from .base import Agent
 class NeurocontrollerAgent(Agent):
     """Robots driven by the neurocontroller.
 
-    States, checkpoints and weights are arrays of NumPy, wherever the brains are.
+    Its state and its weights are NumPy arrays, even if the brains are on a GPU.
 
     Attributes:
       controller: Brains of the B robots.
     """
 
     def __init__(self, controller: Neurocontroller, learn_across_placement: bool = False) -> None:
-        """Wraps brains, which may also learn from a step that spans a `reset`."""
+        """Wraps brains; these may also learn from a step that spans a `reset`."""
         self.controller = controller
         self._across = learn_across_placement
 
@@ -32,7 +32,7 @@ class NeurocontrollerAgent(Agent):
 
     @torch.inference_mode()
     def act(self, state: Any, learning: bool) -> Any:
-        """See `Agent.act`; returns a tensor for a tensor."""
+        """See `Agent.act`; returns a tensor if `state` is one."""
         if isinstance(state, torch.Tensor):
             return self.controller.act(state, explore=learning)
         return self.controller.act(torch.from_numpy(state), explore=learning).numpy()

@@ -1,4 +1,4 @@
-"""Policies trained by PPO before a life, and robots that they drive.
+"""Policies trained by PPO before a life, and the robots that these policies drive.
 
 `musebot benchmark ppo` trains policies; driving robots needs no Stable-Baselines3: the weights are
 stored as safetensors, and the small network is evaluated here.
@@ -47,10 +47,10 @@ class Policies:
 
     @classmethod
     def load(cls, path: Path, task: str) -> Self:
-        """Reads the policies that `musebot benchmark ppo` wrote.
+        """Reads the policies for a task from a file that `musebot benchmark ppo` wrote.
 
         Raises:
-          InputError: there is no such file, it holds no policies, or policies for another task.
+          InputError: there is no such file, or it holds no policies for this task.
         """
         trained_on, arrays, _ = read_policies(path)
         if trained_on != task:
@@ -63,14 +63,14 @@ class Policies:
         return len(self.arrays["after.0.weights"])
 
     def some(self, robots: slice) -> Policies:
-        """Returns the policies of some robots."""
+        """Returns the policies in a slice of the B policies."""
         return Policies(self.task, {name: array[robots] for name, array in self.arrays.items()})
 
     def one(self, robot: int) -> Policies:
         """Returns a single policy, as a batch of one.
 
         Raises:
-          InputError: there is no policy of that number.
+          InputError: there is no policy of this number.
         """
         if not 0 <= robot < self.robots:
             raise InputError(f"the policies are 0 to {self.robots - 1}, got {robot}")
@@ -81,8 +81,8 @@ class Policies:
         """Returns the mean action of each robot's policy.
 
         Args:
-          state: Observations, float32, shape (B, S).
-          trained: Whether to use the policies after training; otherwise those before training.
+          state: The S observed signals of each robot, float32, shape (B, S).
+          trained: Whether to use the policies after training, or else those before training.
 
         Returns:
           Left and right motor value in [-0.5, 0.5], shape (B, 2).
@@ -111,7 +111,7 @@ class PolicyAgent(Agent):
         self._trained = np.zeros(1, dtype=np.uint8)
 
     def reset(self) -> None:
-        """Has no memory to forget."""
+        """Does nothing: the policies have no memory."""
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         if learning:
@@ -149,11 +149,11 @@ class PolicyAgent(Agent):
 def ppo(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes robots driven by PPO, one policy each, from `policies/TASK/policies.safetensors`.
 
-    Every cohort has the first B policies, so that several cohorts are not independent. The mean
-    action is not random: the seed is unused.
+    Every cohort has the first B policies, so that several cohorts are not independent. Robots take
+    the mean action, which is not random: the seed is unused.
 
     Raises:
-      InputError: there is no such file, or it has too few policies.
+      InputError: there is no such file, it has too few policies, or none is for these signals.
     """
     del seed
     sensors = len(senses.state)
@@ -187,7 +187,7 @@ def policy_file(task: str) -> Path:
 
 
 def policy_shapes(signals: int, policies: int) -> Shapes:
-    """Returns the dtype and shape of each array of some policies, by name as in `Policies`."""
+    """Returns each array's dtype and shape for some policies, by name as in `Policies`."""
     shapes = {}
     layers = [*itertools.pairwise((signals, *WIDTHS, 2))]
     for when, (layer, sizes) in itertools.product(("before", "after"), enumerate(layers)):
@@ -222,7 +222,7 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
 
 
 def _check_shapes(found: Shapes) -> None:
-    """Raises ValueError where arrays cannot be the layers of at least one policy."""
+    """Raises ValueError unless the arrays are the layers of one or more policies."""
     _, shape = found.get("after.0.weights", ("", ()))
     if len(shape) != 3 or not shape[0] or found != policy_shapes(shape[2], shape[0]):
         raise ValueError("it holds no policies")

@@ -28,20 +28,20 @@ def senses_of(task: str) -> Senses:
 
 
 def raw_senses(senses: Senses) -> Senses:
-    """Returns what an agent senses in the track of raw signals.
+    """Returns what an agent senses with the observation set "raw".
 
-    The raw value of each saturating signal, as a share of the largest, is a further signal; a
-    saturating reward is replaced by its raw value.
+    The unsaturated value of each saturating signal, as a share of the largest, is a further signal;
+    the unsaturated value of a saturating reward replaces it.
     """
     further = tuple(_SHARE for signal in senses.state if signal.maximal)
     return Senses(senses.state + further, _SHARE if senses.reward.maximal else senses.reward)
 
 
 def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draws signals and rewards from their ranges, always the same ones.
+    """Draws uniform signals and rewards from their ranges; equal calls return equal numbers.
 
     Returns:
-      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B).
+      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B), of T steps.
     """
     random = np.random.default_rng(0)
     low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
@@ -51,10 +51,10 @@ def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray,
 
 
 class RawSignals(Wrapper):
-    """An agent that is given smell and reward before they saturate, as the brain `steady` is."""
+    """A wrapper that gives its agent smell and reward before they saturate, like `steady`."""
 
     def __init__(self, senses: Senses, agent: Agent) -> None:
-        """Takes what the paper's robot senses, and an agent made for `raw_senses` of it."""
+        """Wraps an agent made for `raw_senses(senses)`; the paper's robot has these `senses`."""
         super().__init__(agent)
         self._encoding = Encoding(senses.state, centred=False, raw_signals=True)
         maximal = senses.reward.maximal

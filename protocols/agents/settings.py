@@ -43,7 +43,7 @@ class Setting:
     each: bool = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the default lies outside, or the range does not suit its kind."""
+        """Raises ValueError if the default is out of the range, or the range does not suit it."""
         if type(self.default) is bool:
             raise ValueError("a setting is a number; take 0 and 1 for no and yes")
         if self.log and not self.low > 0:
@@ -72,7 +72,7 @@ class Setting:
 
 
 def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
-    """Gives a factory settings: it receives each as a keyword, with its default if not chosen."""
+    """Declares a factory's settings; each is a keyword argument, with its default if not chosen."""
 
     def decorate(factory: Factory) -> Factory:
         @functools.wraps(factory)
@@ -92,12 +92,12 @@ def settings_of(factory: Callable[..., Any]) -> Mapping[str, Setting]:
 
 
 def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list[float]]:
-    """Reads settings as NAME=VALUE.
+    """Reads settings of the form NAME=VALUE; returns the values of each by name.
 
     Args:
       words: Settings, each as NAME=VALUE, such as "rate=0.1".
-      several: Whether VALUE may be several numbers, separated by commas, for equal shares of a
-        cohort's robots.
+      several: Whether VALUE may be several numbers, separated by commas, each for an equal share
+        of a cohort's robots.
 
     Raises:
       InputError: a word has another form, a value is no finite number, or a name occurs twice.
@@ -120,7 +120,9 @@ def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list
 def checked_settings(
     agent: str, factory: Callable[..., Any], settings: Mapping[str, Sequence[float]], robots: int
 ) -> dict[str, Number]:
-    """Returns settings as a factory takes them; several values are of equal shares of B robots.
+    """Checks settings, and returns them as a factory takes them.
+
+    Each of several values of a setting is for an equal share of the B robots.
 
     Raises:
       InputError: the agent has no such setting, a value lies outside of its range, or robots cannot

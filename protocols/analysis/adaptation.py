@@ -1,7 +1,7 @@
 """How robots adapt in a life that changes: online score, recovery, savings, forgetting.
 
-Everything is computed for each robot first; a newborn in the same world is the control of an old
-robot after a change. The measures and their sources are in docs/lives.md.
+Everything is computed for each robot first. After a change, the control of an old robot is a
+newborn robot in the same world. The measures and their sources are in docs/lives.md.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ Newborns = Sequence[np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """Shares of time that an untrained and an informed policy reach in each of a life's W worlds.
+    """Lower and upper bounds of the share of time at the goal, in each of a life's W worlds.
 
     Attributes:
-      low: Share of time in which untrained robots reach the goal, shape (W,).
-      high: Share of time in which robots with a policy made for the world reach it, shape (W,).
+      low: Share of time at the goal of untrained robots, shape (W,).
+      high: Share of time at the goal of robots with a policy made for the world, shape (W,).
     """
 
     low: np.ndarray
     high: np.ndarray
 
     def of_world(self, number: int) -> Bounds:
-        """Returns the bounds of a life in one of the worlds only."""
+        """Returns the bounds of a life that has only the world with index `number`."""
         return Bounds(self.low[[number]], self.high[[number]])
 
 
@@ -52,12 +52,12 @@ class Adaptation:
     """How n robots adapted in the P phases of a life.
 
     Attributes:
-      scores: Score in each phase: 0 at the lower bound of its world, 1 at the upper, shape (n, P).
+      scores: Mean score in each phase: 0 at the lower, 1 at the upper bound of its world, (n, P).
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
-      recovery: Minute of each phase, from 1, at which the first `WINDOW` minutes begin whose mean
-        score is at least `RECOVERED`; the last minute if none do, shape (n, P).
-      before: Score in the last `WINDOW` minutes of each phase, shape (n, P).
-      after: Score in the first `WINDOW` minutes of each phase, shape (n, P).
+      recovery: First minute of each phase, counted from 1, from which the mean score of `WINDOW`
+        minutes is at least `RECOVERED`; the phase's last minute if there is none, shape (n, P).
+      before: Mean score in the last `WINDOW` minutes of each phase, shape (n, P).
+      after: Mean score in the first `WINDOW` minutes of each phase, shape (n, P).
       worlds: Index of each phase's world in `Life.worlds`, shape (P,).
     """
 
@@ -87,27 +87,28 @@ class Adaptation:
 
     @property
     def failed(self) -> np.ndarray:
-        """Which lives have failed, shape (n,)."""
+        """Whether each life has failed: its online score is below `FAILED`, shape (n,)."""
         return self.online < FAILED
 
     def worst_tenth(self) -> float:
-        """Returns the mean online score of the tenth of the robots with the lowest."""
+        """Returns the mean online score of the tenth of the robots with the lowest scores."""
         count = -(-len(self.online) // 10)
         return float(np.sort(self.online)[:count].mean())
 
     def relative_recovery(self, newborns: Newborns) -> np.ndarray:
-        """Returns mean recovery after each change over that of newborns in the same world.
+        """Returns mean recovery after each change divided by that of newborns in the same world.
 
-        Below 1 the old robot is faster. Returns shape (P - 1,).
+        Below 1, the old robots recover faster. The shape is (P - 1,).
         """
         means = np.array([one.mean() for one in newborns])
         return (self.recovery.mean(axis=0) / means[self.worlds])[1:]
 
     def last_recovery(self, newborns: Newborns, returns: int) -> tuple[float, Interval]:
-        """Returns mean relative recovery in the last phases, as many as `returns`.
+        """Returns mean relative recovery in the last `returns` phases, and its interval.
 
         The interval is that of a percentile bootstrap over old robots, which are also the newborns
-        of the first world, and over the newborns of each other world. It is unknown for few robots.
+        of the first world, and over the newborns of each other world. It is unknown for fewer
+        newborns of a world than `FEWEST`.
         """
         mean = float(self.relative_recovery(newborns)[-returns:].mean())
         if min(map(len, newborns)) < FEWEST:
@@ -128,7 +129,7 @@ class Adaptation:
         return mean, (float(low), float(high))
 
     def slope(self, newborns: Newborns) -> float:
-        """Returns the change of log2 `relative_recovery` from one change to the next.
+        """Returns the slope of log2 `relative_recovery` per change of world, by linear regression.
 
         Positive: recovery becomes slower with age, a loss of plasticity.
         """
@@ -136,9 +137,9 @@ class Adaptation:
         return float(np.polyfit(np.arange(len(relative)), relative, 1)[0])
 
     def savings(self) -> float:
-        """Returns by which share recovery is faster in the last visits of worlds than in the first.
+        """Returns the share by which recovery is faster at last than at first visits to worlds.
 
-        NaN where no world returns.
+        NaN if no world returns.
         """
         first, last = self._visits()
         if not first:
@@ -147,7 +148,7 @@ class Adaptation:
         return float(1 - later / earlier)
 
     def forgetting(self) -> float:
-        """Returns the mean score at the end of a visit less that at the next return of its world.
+        """Returns the mean score at the end of a visit to a world minus that when the next begins.
 
         NaN where no world returns.
         """
@@ -157,7 +158,7 @@ class Adaptation:
         return float(np.mean(lost)) if lost else float("nan")
 
     def _returns(self) -> list[tuple[int, int]]:
-        """Returns pairs of phases: a visit of a world, and the next one."""
+        """Returns pairs of phases: a visit to a world, and the next visit to it."""
         visits = [np.flatnonzero(self.worlds == world) for world in np.unique(self.worlds)]
         return [(int(a), int(b)) for own in visits for a, b in zip(own, own[1:], strict=False)]
 
@@ -172,7 +173,7 @@ class Adaptation:
 def minutes_of_phases(life: Life) -> list[np.ndarray]:
     """Returns the indices of each phase's minutes: those whose middle is in the phase.
 
-    A phase of a rehearsal that has none has the minute in which its own middle is.
+    A phase that is too short for one, as in a rehearsal, has the minute with the phase's middle.
     """
     minute, ends = control_steps(1), np.cumsum(life.steps())
     middles = np.cumsum(life.steps_of_minutes()) - life.steps_of_minutes() / 2
@@ -185,7 +186,7 @@ def minutes_of_phases(life: Life) -> list[np.ndarray]:
 
 
 def _recovery(scores: np.ndarray) -> np.ndarray:
-    """Returns the minute, from 1, at which recovered windows begin, for scores of shape (n, m)."""
+    """Returns each robot's minute of recovery, see `Adaptation`, from scores of shape (n, m)."""
     minutes = scores.shape[1]
     width = min(WINDOW, minutes)
     sums = np.cumsum(np.pad(scores, ((0, 0), (1, 0))), axis=1)
@@ -195,7 +196,7 @@ def _recovery(scores: np.ndarray) -> np.ndarray:
 
 
 def shares_of(run: Run, condition: Condition) -> np.ndarray:
-    """Returns each robot's share of each minute at the goal, (n, M); a stopped robot has 0."""
+    """Returns each robot's share of each minute at the goal, (n, M); 0 for invalid robots."""
     results = run.results[condition]
     shares = results.curves.astype(float)
     shares[[not robot.valid for robot in results.robots]] = 0

@@ -39,8 +39,8 @@ class Stay:
         last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
       spinning: Share of time in which each robot spun inside the spot, in the first and in the last
         third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      minutes: Index of each minute, then the shares of following and of spinning in the time that
-        the staying robots spent at the spot, shape (M, 3); NaN if no robot was there.
+      minutes: For each minute its index, then the shares of the staying robots' time at the spot in
+        which they follow the contour and spin inside, shape (M, 3); NaN if no robot was there.
     """
 
     staying: np.ndarray
@@ -53,7 +53,7 @@ class Stay:
 class Behaviour:
     """Behaviour of a sample of a run's robots.
 
-    The arrays, shape (n, 2), hold a value of each robot in the tests before and after training.
+    Arrays have shape (n, 2): a row for each robot, with its values before and after training.
     """
 
     spinning: dict[Condition, np.ndarray]  # share of time in which each robot spins
@@ -69,7 +69,7 @@ def spins(poses: np.ndarray) -> np.ndarray:
       poses: x, y in [m] and heading in [rad] at every control step, shape (T + 1, B, 3).
 
     Returns:
-      A Boolean for each whole second, shape (T // 10, B); a shorter track counts as one second.
+      Whether each robot spins in each whole second, shape (T // 10, B), or (1, B) for T < 10.
     """
     distance, turn = _seconds(poses)
     return (distance < _STATIONARY) & (turn > _TURNING)
@@ -78,7 +78,7 @@ def spins(poses: np.ndarray) -> np.ndarray:
 def stay_of(track: Track, spot_radius: float) -> Stay:
     """Measures which robots follow the contour of the spot and which spin inside it.
 
-    In a second a robot follows the contour if its nose stays within 2 cm of the spot's rim and
+    In a second, a robot follows the contour if its nose stays within 2 cm of the spot's rim and
     the robot moves more than 2 cm. It spins inside if it spins and its nose stays in the spot.
     `spot_radius` is in [m].
     """
@@ -118,7 +118,7 @@ def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
     """Returns the share of a behaviour in the first and last third of a robot's time at the spot.
 
-    `kind` is whether it shows the behaviour, `near` whether it is there, in each second, (T,).
+    For each second, `kind` is whether the robot shows the behaviour, `near` whether it is there.
     """
     there = np.flatnonzero(near)
     third = -(-len(there) // 3)

@@ -1,8 +1,8 @@
-"""Judging claims: whether the evidence supports a sentence of the paper or contradicts it.
+"""Judges claims: whether the evidence supports a sentence of the paper or contradicts it.
 
 A claim consists of inequalities, each tested in both directions. An inequality compares a statistic
-of a condition with that of another (`more`, `less`), with a border (`most`), or with another value
-of the same robots (`rises`).
+of a condition with that of another condition (`more`, `less`) or with a border (`most`), or it
+compares two values of the same robots (`rises`).
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ class Evidence:
     behaviour: Behaviour | None = None  # of the run's robots; None if they were not observed
 
     def summary(self, condition: Condition) -> Summary:
-        """Returns a column of table 1 or 2."""
+        """Returns a condition's column of table 1 or 2."""
         return self.robots(condition).summary(condition) if self.run else PAPER[condition]
 
     def robots(self, condition: Condition) -> Run:
-        """Returns the run, which has data of single valid robots of a condition."""
+        """Returns the run, if it has valid robots of a condition."""
         if self.run is None:
             raise Undecidable("the paper has no data of single robots")
         if not self.run.valid_rows(condition):
@@ -60,7 +60,7 @@ class Evidence:
         return self.run
 
     def observed(self) -> Behaviour:
-        """Returns the behaviour of the robots."""
+        """Returns the measured behaviour of the run's robots."""
         if self.run is None:
             raise Undecidable("the paper does not measure what the robots do")
         if self.behaviour is None:
@@ -74,7 +74,7 @@ Test = Callable[[Evidence], list[TestedInequality]]
 
 
 class Described(NamedTuple):
-    """A statistic of robots, with its own description: a share, or two values of each robot."""
+    """A statistic, a `Share` or two values of each of n robots (2, n), and its description."""
 
     value: Any
     words: str
@@ -91,11 +91,11 @@ def more(
     """Returns the test that a share or a mean of a condition is larger than that of others.
 
     Args:
-      statistic: Function that returns a condition's `Share` of robots, or its `Sample`.
+      statistic: Function of evidence and condition that returns a `Share` or a `Sample`.
       condition: Condition whose statistic should be larger.
-      *others: Conditions to compare with; none for the paper's other conditions of the task.
-      what: Words before the numbers, such as "mean L ".
-      times: Factor by which the smaller of two shares is multiplied before the comparison.
+      *others: Conditions to compare with; if none is given, the paper's others of the task.
+      what: Words before the numbers in the description, such as "mean L ".
+      times: Factor that multiplies the share that should be smaller; means ignore it.
       less: Whether the condition's statistic should be smaller instead of larger.
     """
     rest = [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
@@ -122,7 +122,7 @@ def most(
     *conditions: Condition,
     border: float = 0.5,
 ) -> Test:
-    """Returns the test that in each condition a share of the robots is larger than a border."""
+    """Returns the test that a share of robots is larger than `border` in each condition."""
 
     def test(evidence: Evidence) -> list[TestedInequality]:
         found = []
@@ -138,7 +138,7 @@ def most(
 
 
 def rises(statistic: Callable[[Evidence, Condition], Described], condition: Condition) -> Test:
-    """Returns the test that the second of two values of the same robots, (2, n), is larger."""
+    """Returns the test that the second of two values of each robot exceeds the first."""
 
     def test(evidence: Evidence) -> list[TestedInequality]:
         (before, after), words = statistic(evidence, condition)
@@ -157,7 +157,7 @@ class Claim(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class ClaimResult:
-    """The verdict on a claim."""
+    """The verdict on a claim, with its reasons."""
 
     claim: Claim
     verdict: Verdict
@@ -186,10 +186,10 @@ class ClaimResult:
 def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
     """Judges a claim: it holds if all inequalities do, and fails if one fails.
 
-    A claim holds if the tests support all its inequalities significantly; that needs no correction.
-    It fails if one test contradicts its inequality significantly; the p-values against them are
-    multiplied by the number of inequalities (Bonferroni). The level is two-sided: half of `ALPHA`
-    for either verdict.
+    A claim holds if tests support all its inequalities significantly; that needs no correction for
+    several tests. It fails if a test contradicts its inequality significantly, where the p-value
+    is multiplied by the number of inequalities (Bonferroni). The level is two-sided: half of
+    `ALPHA` for either verdict.
     """
     try:
         inequalities = tuple(one for test in claim.tests for one in test(evidence))

@@ -42,12 +42,12 @@ class Cell:
 
     @property
     def difference(self) -> float:
-        """Our value minus the other."""
+        """Our run's value minus the other run's."""
         return self.ours - self.other
 
     @property
     def differs(self) -> bool:
-        """Whether the difference is significant after the correction."""
+        """Whether the difference is significant after Holm's correction."""
         return self.corrected < ALPHA
 
 
@@ -72,7 +72,7 @@ def _shared_conditions(ours: Run, other: Run) -> list[Condition]:
 def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
     """Returns whether robots with the same number have the same initial brain in both runs.
 
-    The brains of a first cohort of each are made again, so that a run can be kept without brains.
+    A run may be kept without brains, so the brains of each run's first cohort are made again.
     """
     if ours.experiment.device != other.experiment.device:
         return False  # whose random streams differ
@@ -93,7 +93,7 @@ def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cel
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
-    left out too; and for each cell the pairs in which a robot has no value, such as a genius's L.
+    left out too; so is, for each cell, a pair with a robot that has no value (a genius has no L).
     """
     paired = is_paired(ours, other, condition)
     first, second = (_measures(run, condition) for run in (ours, other))
@@ -111,7 +111,7 @@ def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cel
 
 
 def _measures(run: Run, condition: Condition) -> dict[str, np.ndarray]:
-    """Returns each valid robot's value by name of the cell, shape (n,); bool for categories."""
+    """Returns the values of n valid robots by name of the cell, (n,); bool for categories."""
     life = run.experiment.life_of(condition.task)
     if not life.tested:
         return {f"share of time {life.event}": run.life_shares(condition)}
@@ -159,12 +159,12 @@ def _cell(
 
 
 def compare_runs(ours: Run, other: Run) -> list[Cell]:
-    """Compares all cells of both tables that both runs have, corrected together.
+    """Compares all cells of both tables that both runs have; Holm corrects all p-values together.
 
     Shows the progress.
 
     Raises:
-      InputError: the runs share no condition, or their schedules differ.
+      InputError: the runs share no condition, or their lives or time scales differ.
     """
     conditions = _shared_conditions(ours, other)
     # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.

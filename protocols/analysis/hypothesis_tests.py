@@ -33,7 +33,7 @@ class Share(NamedTuple):
         return cls(int(marks.sum()), len(marks))
 
     def __str__(self) -> str:
-        """Returns both numbers in words."""
+        """Returns both numbers in words, such as "3 of 50"."""
         return f"{self.count} of {self.robots}"
 
 
@@ -53,7 +53,7 @@ class Sample(NamedTuple):
         return cls(float(measured.mean()), float(measured.std(ddof=min(1, size - 1))), size)
 
     def __str__(self) -> str:
-        """Returns the mean in words."""
+        """Returns the mean as text; "none" without values."""
         return f"{self.mean:.3f}" if self.size else "none"
 
 
@@ -73,9 +73,9 @@ class TestedInequality:
 def larger_share(first: Share, second: Share, words: str, times: float = 1) -> TestedInequality:
     """Tests whether the first share is larger than `times` the second.
 
-    With `times` = 1 this is Fisher's exact test. Otherwise the first count is tested as binomial,
+    With `times` = 1, this is Fisher's exact test. Otherwise the first count is tested as binomial,
     given the number of robots with the property in both groups. The test is exact for small shares
-    and conservative for large ones, because their count scatters less.
+    and conservative for large ones, because counts of large shares scatter less.
     """
     (a, n), (b, m) = first, second
     if times == 1:
@@ -107,7 +107,7 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
 
 
 def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> TestedInequality:
-    """Tests by Wilcoxon's signed-rank test whether robots' first value is larger, shapes (n,)."""
+    """Tests by Wilcoxon's signed-rank test whether n robots' first values exceed their second."""
     name, differences = "Wilcoxon's signed-rank test", first - second
     differences = differences[differences != 0]
     if len(differences) < FEWEST:
@@ -144,7 +144,7 @@ def same_classes(pairs: Sequence[tuple[Sequence[int], Sequence[int]]]) -> float:
     """Returns the p-value of a joint test that each pair of groups has equal shares of classes.
 
     The statistic is the sum of the pairs' chi-squares of homogeneity. Its null distribution is
-    simulated: both groups of a pair are drawn from their pooled shares. Small counts need this.
+    simulated, as small counts need: both groups of a pair are drawn from their pooled shares.
 
     `pairs` holds the number of robots in each class in the first and in the second group. The
     p-value is NaN where there is no pair or a group has no robots.
@@ -182,13 +182,13 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = 
     41, 2013).
 
     Permutations are drawn until `_ENOUGH` of them are as extreme as the data: then the random error
-    of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). A smaller p rests on fewer, which
-    are at least 100 for a p of 100 / `draws`.
+    of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). If `draws` end first, p rests on
+    fewer: on about 100 extreme permutations for p = 100 / `draws`.
 
     Args:
       first: Values of the first group, shape (n,).
       second: Values of the second group, shape (m,).
-      paired: Whether robots of the same index are pairs; then n = m.
+      paired: Whether robots with the same index in both groups are pairs; then n = m.
       draws: Largest number of permutations, a multiple of `_BLOCK`.
 
     Returns:
@@ -212,7 +212,7 @@ def same_deviation(
 ) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal standard deviations.
 
-    This is `same_mean` of the squared distances from the group's own mean, with the same arguments.
+    This is `same_mean` of the values' squared distances from their group's mean.
     """
     if min(len(first), len(second)) < FEWEST:
         return float("nan")
@@ -221,7 +221,7 @@ def same_deviation(
 
 
 def _swapped(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
-    """Returns the difference of the means for a block of random swaps of pairs, shape (_BLOCK,)."""
+    """Returns absolute differences of the means for random swaps of pairs, shape (_BLOCK,)."""
     kept = random.random((_BLOCK, len(first))) < 0.5
     return np.abs(np.where(kept, first - second, second - first).mean(axis=1))
 

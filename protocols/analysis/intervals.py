@@ -1,9 +1,9 @@
 """95 % intervals of means, standard deviations, shares and differences.
 
-One rule (`_is_near_an_end`) decides for every mean and every difference of means: Gaffke's bounds
-where the mean is near an end of its range, such as the share of time that robots without contact
-spend in contact, and SciPy's BCa bootstrap otherwise. A bootstrap cannot know of the rare robots
-that a sample lacks. Over the kept runs BCa covers 0.3 to 0.8 of nominal 0.95 near an end.
+One rule (`_is_near_an_end`) chooses the method for every mean and every difference of means:
+Gaffke's bounds where the mean is near an end of its range, such as a share of time in contact near
+0, and SciPy's BCa bootstrap otherwise. A bootstrap cannot know of the rare robots that a sample
+lacks. Near an end, BCa covers the mean in 0.3 to 0.8 of samples from the kept runs, not in 0.95.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SEED = 1  # equal data give bit-exact equal intervals
 
 
 def share(count: int, robots: int) -> Interval:
-    """Returns Wilson's interval of `count` of so many robots, in [0, 1]; unknown without robots."""
+    """Returns Wilson's interval of the share `count` / `robots` in [0, 1]; unknown for 0 robots."""
     if not robots:
         return UNKNOWN
     found = stats.binomtest(count, robots).proportion_ci(LEVEL, method="wilson")
@@ -53,7 +53,7 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
-    Unknown for fewer than `FEWEST` robots, and for equal values that are not near an end of `span`.
+    It is unknown for fewer robots than `FEWEST`, and for equal values not near an end of `span`.
     """
     values = np.asarray(values, dtype=float)
     if len(values) >= FEWEST and span and _is_near_an_end(values, span):
@@ -64,8 +64,8 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
 def _is_near_an_end(values: np.ndarray, span: Interval) -> bool:
     """Returns whether the mean of n values is within 5 / n of an end of their range.
 
-    The distance is a share of the range. For values that are the two ends themselves, this is the
-    textbook's condition for the normal approximation of a share: n p and n (1 - p) at least 5.
+    The distance is a share of the range. If all values are ends of the range, a share p is "not
+    near" by the textbooks' rule for its normal approximation: n p and n (1 - p) are at least 5.
     """
     low, high = span
     share = (values.mean() - low) / (high - low)
@@ -76,8 +76,8 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
     """Returns Gaffke's bounds of the mean of a bounded variable.
 
     Each bound is a quantile of the mean of the values and one end of their range, weighted by the
-    spacings of n uniform variables. The end stands for the robots that the sample lacks. For
-    values that are the ends themselves the bounds are Clopper's and Pearson's. Coverage of at least
+    spacings of n uniform variables. The end stands for the robots that the sample lacks. If all
+    values are ends, the bounds are Clopper's and Pearson's. Coverage of at least
     `LEVEL` is conjectured for all distributions; `tests/analysis/test_intervals.py` simulates it.
 
     Sources: Gaffke, Mathematical Methods of Statistics 14 (2005); Learned-Miller and Thomas, "A new
@@ -94,13 +94,13 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
 def deviation(values: np.ndarray) -> Interval:
     """Returns the BCa bootstrap interval of the standard deviation of n values, shape (n,).
 
-    Unknown for fewer than `FEWEST` robots, or if all values are equal.
+    It is unknown for fewer robots than `FEWEST`, or if all values are equal.
     """
     return _bootstrap(values, functools.partial(np.std, ddof=1))
 
 
 def mean_from(summary: Summary) -> Interval:
-    """Returns Student's t interval of the mean L, from a column's mean, deviation and robots."""
+    """Returns Student's t interval of the mean L, from a column's mean, deviation and counts."""
     measured = summary.robots - summary.counts[-1]
     if measured < 2 or not summary.deviation > 0:
         return UNKNOWN
@@ -150,7 +150,7 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
 def _combined(
     values: tuple[float, float], ends: tuple[Interval, Interval], correlation: float = 0.0
 ) -> Interval:
-    """Returns the interval of a difference from those of its two values.
+    """Returns the interval of a difference from the intervals of its two values.
 
     This is the method of variance estimates recovery (Zou and Donner, Statistics in Medicine 27,
     2008), of which Newcombe's method 10 is the case of two shares.
@@ -178,9 +178,9 @@ def difference_of_means(
 ) -> Interval:
     """Returns the interval of a difference of two groups' means.
 
-    Where one of the means is near an end of the range, the intervals of both are combined as those
-    of independent groups, also for pairs: a correlation that rests on a few robots is not reliable.
-    Otherwise this is the BCa bootstrap.
+    If a mean is near an end of the range, the intervals of both means are combined as those of
+    independent groups, also for pairs: a correlation that rests on a few robots is not reliable.
+    Otherwise this is the BCa bootstrap's interval.
 
     Args:
       first: Values of the first group, shape (n,); NaN for a robot without a value.
@@ -189,9 +189,9 @@ def difference_of_means(
       span: Lowest and highest value that a robot can have, such as `SHARE`.
 
     Returns:
-      Interval of the first mean minus the second; unknown if a group has fewer than `FEWEST`
-      values, if those of a group are all equal and not near an end of `span` while the other
-      mean is near one, or if no resample differs from another.
+      Interval of the first mean minus the second. It is unknown if a group has fewer values than
+      `FEWEST`, if one mean is near an end of `span` and the other group's values are all equal
+      but not near one, or if no resample differs from another.
     """
     measured = first[~np.isnan(first)], second[~np.isnan(second)]
     enough = min(map(len, measured)) >= FEWEST
@@ -216,8 +216,8 @@ def difference(
       paired: Whether robots of the same index are pairs, resampled together; then n = m.
 
     Returns:
-      Interval of the first statistic minus the second; unknown if a group has fewer than `FEWEST`
-      values, or if a resample could contain no values.
+      Interval of the first statistic minus the second; unknown if a group has fewer values than
+      `FEWEST`, or if a resample consists of NaN only.
     """
     if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
         return UNKNOWN

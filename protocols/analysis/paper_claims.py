@@ -43,9 +43,9 @@ _FIXED_S, _RANDOM_S, _CREATIVE_S = _S = [Condition(_SPOT, p) for p in PROPOSERS]
 def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
     """Judges every claim, in the paper's order.
 
-    A run with another brain, or none of the paper's conditions neither supports
-    nor contradicts the claims: the list is empty.
-    `behaviour` is that of the run's robots, or None if they were not observed.
+    The list is empty for a run with another brain, or with none of the paper's conditions: it
+    neither supports nor contradicts the claims. `behaviour` is that of the run's robots, or None if
+    they were not observed.
     """
     experiment = run.experiment
     comparable = experiment.brain_name == "paper"
@@ -59,7 +59,7 @@ def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]
 
 
 def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
-    """Returns the statistic "share of robots in a class of the tables", one of `CATEGORIES`."""
+    """Returns a statistic: the share of robots in a class of the tables, one of `CATEGORIES`."""
 
     def statistic(evidence: Evidence, condition: Condition) -> Share:
         summary = evidence.summary(condition)
@@ -69,7 +69,7 @@ def in_class(category: str) -> Callable[[Evidence, Condition], Share]:
 
 
 def held(part: Literal["pre", "post"], share: float) -> Callable[[Evidence, Condition], Share]:
-    """Returns a statistic: the share of robots with the event for a `share` of a test or more."""
+    """Returns a statistic: robots in contact (or in the spot) for at least `share` of a test."""
     return lambda evidence, condition: Share.of(
         evidence.robots(condition).shares(condition, part) >= share
     )
@@ -85,9 +85,9 @@ def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
 
 
 def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share of robots in the spot for half of the last quarter of training or more.
+    """Returns the share of robots in the spot for half of training's last quarter or more.
 
-    Only robots count that were in the spot for half of the test before training or more.
+    Only robots that were in the spot for half of the test before training, or more, count.
     """
     run = evidence.robots(condition)
     chosen = run.shares(condition, "pre") >= 0.5
@@ -99,7 +99,7 @@ def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
 
 
 def late(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share that needs 20 minutes or more, of the robots that reach the spot."""
+    """Returns the share that needs 20 minutes or more, of trained robots that reach the spot."""
     if evidence.robots(condition).experiment.time_scale != 1:
         raise Undecidable("the shortened test does not last that long")
     minutes = arrival_minutes(evidence, condition, "post")
@@ -123,13 +123,13 @@ def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
 
 
 def spinners(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share of trained robots that spin more than half of the time."""
+    """Returns the share of trained robots that spin for more than half of the time."""
     share = Share.of(spinning(evidence, condition)[:, 1] > 0.5)
     return Described(share, f"{condition.proposer} {share}")
 
 
 def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share that come nearer to the centre, among trained spinners of all kinds."""
+    """Returns the share that come nearer to the centre, of trained spinners of all proposers."""
     nearer: list[float] = []
     for one in (Condition(condition.task, proposer) for proposer in PROPOSERS):
         spins = spinning(evidence, one)[:, 1] > 0.5
@@ -142,7 +142,7 @@ def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Describe
 
 
 def born_spinners_without_contact(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share without contact before training, among newborns that spin."""
+    """Returns the share without contact before training, of the robots that spin then."""
     spins = spinning(evidence, condition)[:, 0] > 0.5
     contact = evidence.robots(condition).shares(condition, "pre")[: len(spins)]
     if not spins.any():
@@ -152,23 +152,23 @@ def born_spinners_without_contact(evidence: Evidence, condition: Condition) -> D
 
 
 def ability(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the Learn Ability L of a condition's measured robots."""
+    """Returns the summary of L over a condition's robots that have a Learn Ability."""
     summary = evidence.summary(condition)
     return Sample(summary.mean, summary.deviation, sum(summary.counts[:-1]))
 
 
 def post_share(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the share of the test after training in contact (or in the spot)."""
+    """Returns the summary of shares of the test after training in contact (or in the spot)."""
     return Sample.of(evidence.robots(condition).shares(condition, "post"))
 
 
 def spun(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the share of time in which trained robots spin."""
+    """Returns the summary of the shares of time in which trained robots spin."""
     return Sample.of(spinning(evidence, condition)[:, 1])
 
 
 def far_below(evidence: Evidence) -> list[TestedInequality]:
-    """Tests that every mean L of spot finding is below wall avoidance's by more than 0.5."""
+    """Tests that each mean L in spot finding is more than 0.5 below that in wall avoidance."""
     found = []
     for pair in zip(_W, _S, strict=True):
         walls, spot = (ability(evidence, condition) for condition in pair)
@@ -203,7 +203,7 @@ def arrival_minutes(
 
 
 def arrivals(evidence: Evidence, condition: Condition) -> Described:
-    """Returns when robots with L < 0 arrive, those that arrive in both tests, shape (2, n)."""
+    """Returns the minutes of arrival in both tests, (2, n), of robots with L < 0 that arrive."""
     worse = np.array(evidence.robots(condition).classes(condition)) == _NEGATIVE
     both = np.array([arrival_minutes(evidence, condition, part) for part in ("pre", "post")])
     both = both[:, worse & ~np.isnan(both).any(axis=0)]

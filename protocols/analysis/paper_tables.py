@@ -64,7 +64,7 @@ def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
 
 
 def row_names(life: Life) -> list[str]:
-    """Returns the names of a table's rows: robots, categories, mean, deviation, time."""
+    """Returns the names of a table's rows: robots, classes, mean and deviation of L, time."""
     names = [f"({life.unmeasured})" if c == "unmeasured" else c for c in CATEGORIES]
     return ["robots", *names, "mean L", "sd of L", f"share of time {life.event}, post"]
 

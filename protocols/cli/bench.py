@@ -1,4 +1,4 @@
-"""`musebot bench`: measures the speed."""
+"""`musebot bench`: measures the speed of simulation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TEXTS = {
 
 @dataclasses.dataclass
 class Bench:
-    """Measure the speed compared with the raw physics, in processor time: about 5 minutes."""
+    """Measure the speed compared with the physics alone, in processor time (about 5 minutes)."""
 
     json: Path | None = option(None, "file to write all measured numbers to", "FILE")
     quick: bool = option(False, "measure next to nothing, to see that everything works")

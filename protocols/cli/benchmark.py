@@ -20,16 +20,16 @@ _SCALE = "factor on every duration, in (0, 1] (1)"
 
 
 class _Conducted:
-    """A command that conducts a study, whose fields are among its options.
+    """A command that conducts a study; the study's fields are among its options.
 
     Attributes:
-      study: Module of the study's class in `compare`, and the name of the class.
+      study: Name of the module in `compare`, and name of the study's class in it.
     """
 
     study: ClassVar[tuple[str, str]]
 
     def __call__(self) -> None:
-        """Does what is missing, and prints the page."""
+        """Does the work of the study that is left, and prints its page."""
         from ..compare.study import conduct
 
         module, name = self.study
@@ -46,10 +46,10 @@ class _Conducted:
 
 @dataclasses.dataclass
 class Run(_Conducted):
-    """Simulate learners in lives that change, each with its tuned settings, and compare them.
+    """Simulate learners with their tuned settings in lives whose world changes; compare them.
 
-    Each learner has one run in each life, which also holds newborns of each world. Learners and
-    lives can be added later.
+    Each learner has one run in each life. In a life whose worlds return, the run also simulates
+    newborns in each world. Learners and lives can be added later.
     """
 
     study = "benchmark", "Benchmark"
@@ -77,12 +77,12 @@ class Run(_Conducted):
 
 @dataclasses.dataclass
 class Tune(_Conducted):
-    """Tune an agent's settings in the kinematic simulator, with equal effort for each.
+    """Tune an agent's settings in the kinematic simulator, with equal effort for each agent.
 
     The first trial has the defaults, the others a Sobol sequence over the ranges. Half the robots
-    of each trial are simulated; then the best trials are simulated again, with all robots and on a
-    fresh seed. A robot's value is its share of time at the goal while it learns; in a life with
-    tests the mean of this and the share in the test after training.
+    of each trial are simulated; then the best trials are simulated again, with all robots and
+    another seed. A robot's value is its share of time at the goal while it learns; in a life with
+    tests, it is the mean of this share and that in the test after training.
     """
 
     study = "tune", "Tune"
@@ -106,7 +106,7 @@ class Tune(_Conducted):
 class PPO(_Conducted):
     """Train policies by PPO on any task, one random seed each.
 
-    Writes OUT/policies.safetensors. Its policies can drive robots, in films and in the window.
+    Writes OUT/policies.safetensors. These policies can drive robots, in films and in the window.
     Needs Stable-Baselines3.
     """
 

@@ -1,4 +1,4 @@
-"""`musebot doctor`: what is installed here, what renders, what is missing, and how to get it."""
+"""`musebot doctor`: reports what is installed, what renders, what is missing, how to get it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a
 class Doctor:
     """Report what is installed, what renders, and what is missing and how to get it.
 
-    With --agent, check instead that an agent keeps to the interface; that takes seconds.
+    With --agent, check instead that an agent obeys the interface; this takes seconds.
     """
 
     agent: str | None = option(
@@ -81,7 +81,7 @@ class Doctor:
 
 
 class Missing(Exception):
-    """Something required is missing, or with the mark "WARNING" something optional may fail."""
+    """Something required is missing, or (mark "WARNING") something optional may fail."""
 
     def __init__(self, text: str, remedy: str, mark: str = "MISSING") -> None:
         super().__init__(text)
@@ -89,7 +89,7 @@ class Missing(Exception):
 
 
 def report(probes: Mapping[str, Probe]) -> int:
-    """Prints each check as soon as it is done, then the remedies; returns how many are missing."""
+    """Prints each check when it is done, then remedies; returns the number of missing things."""
     missing, remedies = 0, []
     for name, probe in probes.items():
         mark = "ok"
@@ -146,7 +146,7 @@ def _not_installed() -> str:
 
 
 def _package(requirement: Requirement, extra: str = "", use: str = "") -> str:
-    """Returns the version of a package; without a use, it is required."""
+    """Returns the installed version of a package, which is optional if it has a `use`."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
     remedy = f"pip install '{requirement.name}{extras}{requirement.specifier}'"
     if use:

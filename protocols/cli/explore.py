@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class Explore:
-    """Open a window on a task, driven by a policy, a brain, the arrow keys, or at random."""
+    """Open a window on a robot in a task; a policy, a brain, arrow keys or chance drive it."""
 
     task: str = argument(
         "task that `musebot list tasks` prints; with --out wall_avoidance or spot_finding "

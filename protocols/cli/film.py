@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclasses.dataclass
 class Film:
-    """Film a robot in a test, driven by its stored brain or agent, or a policy in an episode."""
+    """Film a robot in a test with its stored brain or agent, or a PPO policy in an episode."""
 
     task: str = option(
         dataclasses.MISSING,
@@ -52,7 +52,7 @@ class Film:
     )
 
     def __call__(self) -> None:
-        """Renders without a display, through EGL."""
+        """Renders and writes the film, without a display, through EGL."""
         from ..pages import film
 
         phases = ("pre", "post") if self.phase == "both" else (self.phase,)

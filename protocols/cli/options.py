@@ -20,9 +20,9 @@ def option(
     Args:
       default: Value if the option is not given; `dataclasses.MISSING` if it must be given.
       says: Text in the help: meaning, unit and default.
-      values: Name of the value in the help, such as "N"; "" for the choices.
+      values: Name of the value in the help, such as "N"; "" lists the choices instead.
       choices: Allowed words; empty if the value is checked where it is used.
-      group: Heading in the help; "" for "options".
+      group: Heading in the help above the option; "" for the heading "options".
     """
     values = values or f"{{{','.join(choices)}}}"
     notes = {"says": says, "values": values, "choices": choices, "group": group, "option": True}
@@ -38,8 +38,8 @@ def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
 def executor(processes: int | None = None, ray: str | None = None, device: str = "cpu") -> Executor:
     """Returns the executor of a command's jobs; with Ray, it is connected to the cluster.
 
-    This machine runs `processes` jobs at a time, None for its number of cores. On a GPU it runs
-    one, because jobs would share its memory. A cluster's address is HOST:PORT.
+    This machine runs `processes` jobs at a time, by default one per core. On a GPU, it runs one,
+    because jobs would share the GPU's memory. The cluster's address, `ray`, is HOST:PORT.
 
     Raises:
       InputError: a value is invalid, there is no such cluster, or Ray is not installed or cannot be

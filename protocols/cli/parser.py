@@ -27,7 +27,7 @@ _NARROW, _WIDE = 60, 100  # columns of a help text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Runs the command line, None for that of this process; without words, it prints the help.
+    """Runs a command line (None: that of this process); prints the help if it has no words.
 
     Returns:
       The exit status, see `exit_status`.
@@ -67,7 +67,7 @@ def _command(words: list[str]) -> Callable[[], None] | None:
 
 
 def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
-    """Returns the help that lists some verbs with a line each."""
+    """Returns the help that lists verbs, each with a line about it."""
     width = max(map(len, verbs))
     lines = [f"usage: {usage} [OPTION ..]", ""]
     lines += ["Creative robots that learn during their lives, in MuJoCo.", ""]
@@ -150,7 +150,7 @@ def _add(group: Any, field: dataclasses.Field[Any], hint: Any) -> None:
 
 
 def _kind(hint: Any) -> tuple[type, bool]:
-    """Returns the type of an option's values, and whether it takes several."""
+    """Returns the type of an option's values, and whether the option takes several."""
     if get_origin(hint) is tuple:
         return get_args(hint)[0], True
     if get_origin(hint) in (Union, types.UnionType):
@@ -174,7 +174,7 @@ def _reader(name: str, kind: type, choices: Sequence[str]) -> Callable[[str], An
 
 
 class _Once(argparse.Action):
-    """Stores the values of an option, which may be given once."""
+    """Stores the values of an option, and refuses the option a second time."""
 
     def __call__(
         self, parser: Any, namespace: Any, values: Any, option_string: str | None = None

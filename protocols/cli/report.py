@@ -11,7 +11,7 @@ from .options import argument, option
 
 @dataclasses.dataclass
 class Report:
-    """Write one page about OUT with tables, claims, figures and films: takes a few minutes."""
+    """Write a page about OUT with tables, claims, figures and films; this takes a few minutes."""
 
     out: Path = argument(
         "folder of a run; figures are written into its figures/, films into its films/", "OUT"
@@ -19,7 +19,7 @@ class Report:
     output: Path | None = option(None, "page to write (report.html in OUT)", "FILE")
 
     def __call__(self) -> None:
-        """Puts a sample of the brains back into robots to measure what they do."""
+        """Simulates a sample of robots with their stored brains, and writes the page."""
         from ..lives.local import prepare_process
         from ..lives.run_files import read_run
         from ..pages import report

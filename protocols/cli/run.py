@@ -110,7 +110,7 @@ class Run:
         )
 
     def _rows(self, config: Config) -> dict[Condition, int]:
-        """Returns the robots that the file plans."""
+        """Returns the number of robots that the file plans for each condition."""
         from ..agents.names import recorded_name
         from ..lives.conditions import Condition
 
@@ -126,7 +126,7 @@ class Run:
             raise InputError(f"{self.config}: {error}") from error
 
     def _trust(self, rows: Iterable[Condition], held: Plan | None) -> None:
-        """Lets the agents run that the command names; others only with --trust-agent."""
+        """Trusts agents that the command names; with --trust-agent, those of file and OUT too."""
         from ..agents.factory import check_trusted, trust
         from ..agents.names import recorded_name
 
@@ -137,7 +137,7 @@ class Run:
             check_trusted(condition.proposer, self.config)
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
-        """Returns the plan: words first, then the file, then OUT, then the defaults."""
+        """Returns the plan; a value is from the command, or else the file, OUT or the defaults."""
         from ..lives.experiment import Experiment
         from ..lives.manifest import check_identity
         from ..lives.plan import Plan, changed, check_robots, default_cohort_size
@@ -163,7 +163,7 @@ class Run:
         return Plan(experiment, robots)
 
     def _lives(self, values: dict[str, Any]) -> list[str]:
-        """Returns the names of the lives that the words give; a file's life joins the values."""
+        """Returns the names of the lives of --life; adds a life from a file to `values`."""
         from ..lives.config import read_life
 
         names = []
@@ -177,7 +177,7 @@ class Run:
         return names
 
     def _values(self, base: Experiment) -> dict[str, Any]:
-        """Returns the values that the words give, as `plan.changed` takes them."""
+        """Returns the values that the command gives, as `plan.changed` takes them."""
         from ...controller import Parameters
         from ...models import Kinematics
         from ..agents.settings import settings_from
@@ -206,7 +206,7 @@ class Run:
     def _robots(
         self, rows: Mapping[Condition, int], held: Mapping[Condition, int], lives: Iterable[str]
     ) -> dict[Condition, int]:
-        """Returns the number of robots of each condition that is wanted."""
+        """Returns the wanted number of robots of each condition."""
         from ...controller import PROPOSERS
         from ...tasks.lives import PAPER_LIVES
         from ..agents.names import recorded_name
@@ -235,7 +235,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
 
     Args:
       out: Folder of the run: a new one, or that of a run to continue.
-      quiet: Whether to show no progress.
+      quiet: Whether to hide the progress.
       **options: Options of `musebot run`, with underscores: `life`, `proposer`, `agent`, `robots`,
         `seed`, `brain`, `set` and so on. A single name may stand for a list of one. `set` may be a
         dictionary, such as {"brain.epsilon": 0.1}. A script needs no main guard, unless it defines
@@ -277,7 +277,7 @@ _running = False  # whether `run` is simulating
 
 
 def _words(value: Any) -> tuple[str, ...]:
-    """Returns the words of an option: of one name, a list of names, or a dictionary."""
+    """Returns an option's words, given one name, a list of names, or a dictionary."""
     if isinstance(value, str):
         return (value,)
     if isinstance(value, Mapping):

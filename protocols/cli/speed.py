@@ -1,6 +1,6 @@
-"""Measures speed: some work, and what it is compared with, timed in alternation.
+"""Measures speed: times a piece of work and a reference for it, in alternation.
 
-On a CPU the clock is the processor time of the thread, which other programs hardly change.
+On a CPU, the clock is the processor time of the thread, which other programs hardly change.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")  # of PyTorch an
 
 @dataclasses.dataclass(frozen=True)
 class Effort:
-    """How much is measured."""
+    """How many robots and steps are timed, and how often."""
 
     repetitions: int = 7
     robot_steps: int = 12_500  # about, in a repetition
@@ -67,13 +67,13 @@ def paired(
     other: Callable[[], object],
     device: str = HOST,
 ) -> dict[str, float]:
-    """Times some work and other work of `robot_steps`, once to warm up, then in repetitions.
+    """Times `work` and `other`, of `robot_steps` each: once to warm up, then in repetitions.
 
-    On a GPU the clock is the wall's.
+    On a GPU, the clock is wall-clock time.
 
     Returns:
-      The median rates of the work and of the other work in robot-steps per second, and the ratio of
-      the rates: the median of the repetitions' ratios, with their range, `lowest` and `highest`.
+      The median rates of `work` and of `other` in robot-steps per second, and the ratio of these
+      rates: the median of the repetitions' ratios, with their range, `lowest` and `highest`.
     """
 
     def now() -> float:
@@ -101,7 +101,7 @@ def paired(
 
 
 def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
-    """Returns a cohort at the start of its training, without the tests before it."""
+    """Returns a cohort at the start of its training; the test before is skipped."""
     cohort = Cohort(experiment, CohortKey(condition, 0))
     legs = experiment.life_of(condition.task).legs()
     cohort.step = next(leg.start for leg in legs if leg.phase.learning)
@@ -110,12 +110,12 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
 
 
 def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Returns control steps of a cohort in MuJoCo, and their physics alone, as functions.
+    """Returns two functions: control steps of a cohort in MuJoCo, and their physics alone.
 
     The second repeats the robots' motor values from the same states by `mujoco.rollout`: any
-    program that chooses new ones in every control step must do at least this. The last substep is a
-    rollout of its own, where the solver begins anew, as in a `Batch`. It raises RunError if it ends
-    in other states.
+    program that chooses new motor values in every control step must do at least this. The last
+    substep is a rollout of its own, where the solver begins anew, as in a `Batch`. The second
+    function raises RunError if it ends in other states.
     """
     batch: Any = cohort.batch
     recorder, model = cohort.recorded(), batch.model
@@ -154,8 +154,8 @@ def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Call
 def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
     """Times control steps of a cohort, and of its physics; see `paired`.
 
-    Of MuJoCo it is the same physics, see `against_mujoco`, of other simulators that of random motor
-    values.
+    MuJoCo's physics repeats the same motor values, see `against_mujoco`; that of other simulators
+    gets random ones.
     """
     batch: Any = cohort.batch
     if isinstance(batch, Batch):
@@ -173,7 +173,7 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
 
 
 def lives(effort: Effort) -> Iterator[dict[str, Any]]:
-    """Yields a row for each body, task, brain and cohort of creative robots."""
+    """Yields a row for each body, task, brain and size of a cohort of creative robots."""
     kinds = itertools.product(BODIES, PAPER_LIVES, ("paper", "steady"), effort.cohorts)
     for body, task, brain, robots in kinds:
         experiment = Experiment(body=body, brain=BRAINS[brain], cohort_size=robots)
@@ -183,7 +183,7 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
 
 
 def backends(effort: Effort) -> Iterator[dict[str, Any]]:
-    """Yields a row for each number of robots: kinematic lives by Numba, and by PyTorch."""
+    """Yields a row for each number of robots: kinematic lives by Numba against by PyTorch."""
     for robots in effort.backends:
         steps = effort.steps(robots)
         numba, pytorch = (
@@ -197,7 +197,7 @@ def backends(effort: Effort) -> Iterator[dict[str, Any]]:
 
 
 def interfaces(effort: Effort) -> Iterator[dict[str, Any]]:
-    """Yields a row for each interface to wall avoidance; Gymnasium's where it is installed."""
+    """Yields a row for each interface to wall avoidance, with Gymnasium's if it is installed."""
     environment = tasks.load("arena", "wall_avoidance", task_kwargs={"random": 1})
     environment.reset()
     yield _interface_row("dm_control", 1, lambda a: environment.step(a[0]), effort)
@@ -233,14 +233,14 @@ def _interface_row(
 
 
 def check_populations(device: str) -> None:
-    """Raises InputError where a device is missing, or MuJoCo Warp is not installed."""
+    """Raises InputError if the device is missing, or MuJoCo Warp is not installed."""
     for fields in SIMULATORS.values():
         experiment = Experiment(cohort_size=1, device=device, **fields)
         check_device(Plan.of(experiment, [_POPULATION], 1))
 
 
 def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
-    """Yields a row for each simulator and number of robots; empty where the memory is too small."""
+    """Yields a row for each simulator and number of robots; no rates if memory is too small."""
     sizes = effort.cohorts if device == HOST else effort.populations
     for (simulator, fields), robots in itertools.product(SIMULATORS.items(), sizes):
         row: dict[str, Any] = {"simulator": simulator, "robots": robots}

@@ -13,7 +13,7 @@ from .options import argument, option
 
 @dataclasses.dataclass
 class Tables:
-    """Print the paper's tables, or another run's, next to those of OUT's robots."""
+    """Print the tables of OUT's robots next to the paper's, or to another run's."""
 
     out: Path = argument("folder of a run", "OUT")
     compare: Path | None = option(
@@ -27,7 +27,7 @@ class Tables:
     json: bool = option(False, "print JSON instead of Markdown")
 
     def __call__(self) -> None:
-        """Reads and prints; changes nothing."""
+        """Reads the runs and prints the tables; writes no file."""
         from ..analysis.comparison import compare_runs
         from ..lives.run_files import read_run
         from ..pages import tables

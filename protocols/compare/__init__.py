@@ -1,1 +1,1 @@
-"""Studies that rank agents: options, the jobs that they need, and a page (`musebot benchmark`)."""
+"""Studies of agents (`musebot benchmark`): each has options, jobs and a page of results."""

@@ -1,4 +1,4 @@
-"""The benchmark of lives: learners in lives that change, each with newborns as controls."""
+"""The benchmark: learners in lives whose world changes, with newborn robots as controls."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
 
 @dataclasses.dataclass
 class Benchmark(Study):
-    """Simulates learners in lives that change, each with its tuned settings, and compares them.
+    """Simulates learners with tuned settings in lives whose world changes, and compares them.
 
-    Its fields are options of `musebot benchmark run`. Each learner has one run in each life, which
-    also holds newborns of each world.
+    Its fields are options of `musebot benchmark run`. Each learner has one run in each life. In a
+    life whose worlds return, the run also simulates newborns in each world.
     """
 
     name: ClassVar[str] = "benchmark"
@@ -57,7 +57,7 @@ class Benchmark(Study):
     backend: Backend = "torch"
 
     def identity(self) -> Mapping[str, Any]:
-        """Returns what all runs share: learners and lives may be added later."""
+        """Returns the options that all runs share; learners and lives may be added later."""
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
             raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")
@@ -135,7 +135,7 @@ class Benchmark(Study):
 
     @functools.cached_property
     def _learners(self) -> list[str]:
-        """The brains, and the agents as runs record them; their code may run from now on."""
+        """Names of brains, and recorded names of agents, whose code is trusted from now on."""
         names = [name if name in BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
             if short_name(name) in (LOWER, UPPER, TRAINED_BEFORE, *PROPOSERS):
@@ -172,7 +172,7 @@ class Benchmark(Study):
 
 
 def newborn_lives(life: Life) -> list[str]:
-    """Returns the lives of newborns in the worlds after the first; none where no world returns."""
+    """Returns names of newborns' lives in the worlds after the first; empty if no world returns."""
     if len(life.worlds) == len(life.phases):
         return []
     worlds = [phase.world for phase in life.phases]
@@ -200,7 +200,7 @@ def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
 
 
 def _name(experiment: Experiment, proposer: str) -> str:
-    """Returns the name of a learner, or of its brain and proposer."""
+    """Returns the name of a learner: that of its agent, or of its brain and proposer."""
     if proposer not in PROPOSERS:
         return short_name(proposer)
     return f"{experiment.brain_name}, {proposer}"

@@ -1,4 +1,4 @@
-"""Bounds of a life: what policies that are told its worlds reach, and what untrained robots do."""
+"""Bounds of a life: the shares of time of policies made for its worlds, and of untrained robots."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ UNTAUGHT = ("untrained", "random")
 
 
 class RandomMotors(HandCoded):
-    """Drives at random: new motor values in each step."""
+    """Drives at random: draws new uniform motor values in each step."""
 
     def __init__(self, senses: Senses, seed: int) -> None:
         super().__init__(senses)
@@ -42,12 +42,12 @@ class RandomMotors(HandCoded):
 
 @dataclasses.dataclass(frozen=True)
 class Matrix:
-    """Shares of time that policies reach in the worlds of a life, W of them.
+    """Shares of time at the goal that policies reach in the W tried worlds of a life.
 
     Attributes:
       worlds: Indices of the tried worlds in `Life.worlds`.
-      shares: Mean share of time that each policy reaches in each world, shape (W + 2, W): the
-        policies made for the worlds, then `UNTAUGHT`.
+      shares: Mean share of time at the goal of each policy (row) in each world (column), shape
+        (W + 2, W): rows of the policies made for the worlds, then those of `UNTAUGHT`.
     """
 
     worlds: tuple[int, ...]
@@ -55,22 +55,22 @@ class Matrix:
 
     @property
     def informed(self) -> np.ndarray:
-        """Share of the policy that was made for each world, shape (W,)."""
+        """Share of time, in each world, of the policy made for this world, shape (W,)."""
         return np.diagonal(self.shares)
 
     @property
     def best_fixed(self) -> float:
-        """Largest mean share over all worlds that one of the policies reaches."""
+        """Share of time of the best single policy, as a mean over all tried worlds."""
         return float(self.shares[: len(self.worlds)].mean(axis=1).max())
 
     def bounds(self, life: Life) -> Bounds:
-        """Returns the bounds of all worlds; one that was not tried has those of one before."""
+        """Returns all worlds' bounds; an untried world has those of the tried one before it."""
         tried = np.searchsorted(self.worlds, np.arange(len(life.worlds)), side="right") - 1
         return Bounds(self.shares[-2][tried], self.informed[tried])
 
 
 def tried_worlds(life: Life) -> tuple[int, ...]:
-    """Returns the numbers of the worlds whose policies are tried."""
+    """Returns the indices in `Life.worlds` of at most `MOST` worlds whose policies are tried."""
     return tuple(range(0, len(life.worlds), -(-len(life.worlds) // MOST)))
 
 
@@ -89,15 +89,15 @@ def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
 
 
 def matrix_of(job: ArrayJob, life: Life) -> Matrix:
-    """Reads what a job has measured."""
+    """Reads the shares that a job of `bounds_job` has measured."""
     return Matrix(tried_worlds(life), job.read()["shares"])
 
 
 def measure(experiment: Experiment, name: str, progress: Progress) -> Arrays:
-    """Measures what policies reach in the worlds of a life.
+    """Measures the shares of time that policies reach in the worlds of a life.
 
     Returns:
-      "shares": mean share of time in which what the world rewards is reached, see `Matrix.shares`.
+      The array "shares": mean shares of time with what the world rewards, see `Matrix.shares`.
     """
     life = experiment.life_of(name)
     tried = [life.worlds[number] for number in tried_worlds(life)]

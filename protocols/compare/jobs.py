@@ -1,4 +1,4 @@
-"""The job of studies: some work whose arrays are stored in one file."""
+"""The job of studies: a piece of work whose arrays are stored in one file."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ class Progress:
 
 @dataclasses.dataclass(frozen=True)
 class ArrayJob:
-    """Does some work, and stores the arrays that it returns; see `lives.jobs.Job`.
+    """Does a piece of work, and stores the arrays that it returns; see `lives.jobs.Job`.
 
     Attributes:
       path: File to which the arrays are written.
-      work: Function that takes a `Progress` and returns the arrays; it is sent to other processes.
+      work: Function that takes a `Progress` and returns the arrays; must be picklable.
       cost: Amount of work: simulated seconds, added up over the robots.
       shapes: Dtype, as safetensors names it, and shape of each array, by the array's name.
-      identity: Notes in the file, as plain data, by which the job recognises it.
+      identity: Plain data that is stored in the file, and by which the job recognises the file.
     """
 
     path: Path
@@ -104,7 +104,7 @@ class ArrayJob:
 
 
 def lives(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
-    """Simulates a cohort of an agent that the command has named; continues from a checkpoint.
+    """Simulates a cohort of an agent that the command has named, from its checkpoint if any.
 
     Returns:
       The number of steps with the event in each part of a life, "events" of shape (B, parts), and

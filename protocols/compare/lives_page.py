@@ -1,4 +1,4 @@
-"""The leaderboard: a row a learner, a column a life, and what happens after changes."""
+"""The benchmark's page: scores of learners (rows) in lives (columns), and their adaptation."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ class Row:
     Attributes:
       name: Name of the learner, or of a brain and its proposer.
       curves: Share of each minute in which each robot reached the goal, shape (n, M).
-      old: How the learner's robots adapted.
-      newborns: Minutes of recovery of newborns in each world; fewer arrays in a life without such
-        controls.
+      old: Adaptation of the learner's robots over the life.
+      newborns: Minutes of recovery of newborns, an array for each world; only that of the first
+        world in a life without newborns of the others.
     """
 
     name: str
@@ -61,7 +61,7 @@ class Row:
 
     @property
     def controlled(self) -> bool:
-        """Whether there are newborns in all worlds."""
+        """Whether newborns were simulated in all worlds."""
         return len(self.newborns) == len(np.unique(self.old.worlds))
 
 
@@ -74,18 +74,18 @@ class Column:
     rows: Sequence[Row]
 
     def ranked(self) -> list[Row]:
-        """Returns the learners, the best first."""
+        """Returns the learners, that with the largest mean online score first."""
         return sorted(self.rows, key=lambda row: (-row.old.online.mean(), row.name))
 
     def tests(self) -> Mapping[str, float]:
-        """Returns the corrected p of each learner against the best, by name."""
+        """Returns p, corrected by Holm, of each learner's difference from the best one, by name."""
         best, *others = self.ranked()
         values = [same_mean(best.old.online, row.old.online, paired=False) for row in others]
         return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
 
 
 def page(columns: Sequence[Column]) -> Page:
-    """Returns the page of some lives."""
+    """Returns the benchmark's page of some lives."""
     lines = ["## Scores", "", *table(_summary(columns)), "", _ABOUT, "", _MEASURES, ""]
     figures = {}
     with style.styled():
@@ -99,7 +99,7 @@ def page(columns: Sequence[Column]) -> Page:
 
 
 def _summary(columns: Sequence[Column]) -> list[list[str]]:
-    """Returns the table of all learners, sorted by their scores in the lives, in turn."""
+    """Returns the table of all learners, sorted by score in the first life, then the next ones."""
     cells: dict[str, list[str]] = {}
     scores: dict[str, list[float]] = {}
     for place, column in enumerate(columns):
@@ -116,7 +116,7 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
 
 
 def _measures(column: Column) -> list[list[str]]:
-    """Returns the table of a life: a row a learner."""
+    """Returns the table of a life, with a row for each learner."""
     head = "learner,robots,score,failed,worst tenth,recovery,last,slope,savings,forgotten,p"
     rows: list[list[str]] = [[*head.split(",")]]
     tests = column.tests()
@@ -138,7 +138,7 @@ def _measures(column: Column) -> list[list[str]]:
 
 
 def _bounds(matrix: Matrix) -> list[list[str]]:
-    """Returns the table of what policies reach in the worlds of a life."""
+    """Returns the table of the shares of time that policies reach in the worlds of a life."""
     worlds = [f"world {number + 1}" for number in matrix.worlds]
     policies = [f"policy of {world}" for world in worlds]
     rows = zip([*policies, *UNTAUGHT], matrix.shares, strict=True)
@@ -164,7 +164,7 @@ def draw(column: Column) -> Figure:
 
 
 def smoothed(curves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the hours of points of five minutes, shape (k,), and their means, shape (n, k)."""
+    """Returns the middles in [h], (k,), of k spans of 5 minutes, and the curves' means, (n, k)."""
     width = min(WINDOW, curves.shape[1])
     whole = curves.shape[1] // width * width
     points = curves[:, :whole].reshape(len(curves), -1, width).mean(axis=2)

@@ -46,7 +46,7 @@ class PPOTraining(Study):
     seed: int = whole(0, 0, 2**32 - _MOST_POLICIES)
 
     def identity(self) -> Mapping[str, Any]:
-        """Returns all but the number of policies, which may be increased later."""
+        """Returns all options but the number of policies, which may be increased later."""
         check_name("task", self.task, TASKS)
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
@@ -124,7 +124,7 @@ def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
 
 
 def _weights(policy: Any, when: str) -> Arrays:
-    """Copies the weights of the layers from the state to the mean action, with a leading axis."""
+    """Copies the layers from the state to the mean action as arrays (1, ...), named by `when`."""
     modules = itertools.chain(policy.mlp_extractor.policy_net, [policy.action_net])
     layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
     weights = {}

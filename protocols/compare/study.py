@@ -1,4 +1,4 @@
-"""Studies: work whose results are files, and a page made from these. Handles resuming and locking.
+"""Conducts studies: work whose results are files, and a page made from these; resumes and locks.
 
 A study's folder OUT holds study.json, which says which study it is, the files of its jobs, the runs
 that it simulates, and its page.
@@ -91,7 +91,7 @@ class Study(abc.ABC):
         return Experiment()
 
     def plans(self) -> Mapping[str, Plan]:
-        """Returns the plans of the runs that it simulates, by the names of their folders.
+        """Returns the plans of the runs that the study simulates, by the names of their folders.
 
         Raises:
           InputError: an option is invalid.
@@ -160,7 +160,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
 
 
 def _check(study: Study, identity: Mapping[str, Any], out: Path) -> list[Any]:
-    """Checks that OUT can hold a study; returns the versions and machines that made it."""
+    """Checks that OUT can hold a study; returns the versions and machines that worked on it."""
     check_folder(out)
     for name in (*study.folders, *study.plans()):
         check_own_folder(out / name)
@@ -198,7 +198,7 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
 def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> None:
     """Simulates what is left of several runs, together, so that all cores are busy.
 
-    The plans are given by the names of the runs' folders in OUT.
+    `plans` holds each run's plan by the name of its folder in OUT.
 
     Raises:
       InputError: another process simulates a run, or a folder holds another.

@@ -41,7 +41,7 @@ _PARTS: Mapping[Stage, str] = {"post": "after training", "training": "during tra
 
 @dataclasses.dataclass(frozen=True)
 class Trial:
-    """Settings of a learner that are tried.
+    """One choice of a learner's settings, which is tried.
 
     Attributes:
       number: Number of the trial; 0 has the defaults.
@@ -52,18 +52,18 @@ class Trial:
     settings: tuple[str, ...]
 
     def values(self, tuned: Mapping[str, Setting]) -> dict[str, str]:
-        """Returns the value of each tuned setting, as it is written."""
+        """Returns the value of each tuned setting, as text."""
         chosen = dict(word.split("=") for word in self.settings)
         return {name: chosen.get(name, str(setting.default)) for name, setting in tuned.items()}
 
 
 class Ranked(NamedTuple):
-    """A trial with each robot's shares in the parts of its life that count, shape (parts, robots).
+    """A trial with its robots' shares of time at the goal, see `shares_of`.
 
     Attributes:
       trial: Settings that were tried.
-      early: Shares in the first round.
-      late: Shares in the second round; None for a trial that was not simulated again.
+      early: Shares in the first round, shape (parts, robots).
+      late: Shares in the second round, shape (parts, robots); None for a trial that is not in it.
     """
 
     trial: Trial
@@ -76,9 +76,9 @@ class Tune(Study):
     """Tunes an agent's settings; its fields are options of `musebot benchmark tune`.
 
     A robot's value is the share of time at the goal (in wall avoidance: without contact) while it
-    learns; in a life with tests the mean of this share and that in the test after training. A
-    trial's value is the mean over its robots. Sixteen trials share a cohort, which keeps one core
-    busy, if robots may differ in all settings (`Setting.each`).
+    learns; in a life with tests, it is the mean of this share and that in the test after training.
+    A trial's value is the mean over its robots. If robots may differ in all settings
+    (`Setting.each`), sixteen trials share a cohort, which keeps one core busy.
     """
 
     name: ClassVar[str] = "tune"
@@ -95,7 +95,7 @@ class Tune(Study):
 
     @property
     def condition(self) -> Condition:
-        """Life and agent of all robots."""
+        """Condition (life and agent) of all robots."""
         return Condition(self.life, recorded_name(self.agent))
 
     def check_options(self) -> None:
@@ -165,7 +165,7 @@ class Tune(Study):
         """Returns the best trial of a finished study.
 
         Raises:
-          InputError: it is not finished, a file is damaged, or its agent is not trusted.
+          InputError: the study is not finished, a file is damaged, or the agent is not trusted.
         """
         ranked = self.ranked(out)
         late = sum(one.late is not None for one in ranked)
@@ -204,7 +204,7 @@ class Tune(Study):
         return Page("\n".join(lines))
 
     def _robots(self, again: bool) -> int:
-        """Returns the number of robots of a trial, in the first round or when simulated again."""
+        """Returns the number of robots of a trial, in the first round or (`again`) the second."""
         return self.robots if again else max(1, self.robots // 2)
 
     def _cohorts(self, trials: Sequence[Trial]) -> list[Sequence[Trial]]:
@@ -212,7 +212,7 @@ class Tune(Study):
         return [trials[start : start + size] for start in range(0, len(trials), size)]
 
     def _round(self, again: bool, trials: Sequence[Trial]) -> Experiment:
-        """Returns the experiment of the trials of a cohort, with equal shares of its robots."""
+        """Returns the experiment of a cohort, in which each trial has an equal share of robots."""
         words = trials[0].settings
         if len(trials) > 1:
             values = [trial.values(self.settings) for trial in trials]
@@ -246,7 +246,7 @@ class Tune(Study):
         return sorted(early, key=lambda trial: -float(early[trial].mean()))[: self.kept]
 
     def _values(self, out: Path, again: bool, trials: Sequence[Trial]) -> dict[Trial, np.ndarray]:
-        """Returns the shares of each finished trial's robots, shape (parts, robots)."""
+        """Returns the shares of time of each finished trial's robots, see `shares_of`."""
         found = {}
         for some in self._cohorts(trials):
             job = self._job(out, again, some)
@@ -259,8 +259,8 @@ class Tune(Study):
 def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
     """Returns each robot's shares of time at the goal, shape (parts, B).
 
-    The parts are the test after training, where a life has one, and training. A robot that became
-    unstable has 0. `arrays` is what `jobs.lives` returned.
+    The parts are the test after training, where a life has one, and training. An invalid robot has
+    0 in all parts. `arrays` is what `jobs.lives` returned.
     """
     shares = []
     for part in _PARTS:
@@ -289,7 +289,7 @@ def _read_tuning(folder: Path) -> Tune:
 
 
 def read_tunings(folders: Sequence[Path]) -> dict[tuple[str, str], tuple[Path, Tune]]:
-    """Returns studies that tune and their folders, by recorded name of their agent and signals.
+    """Returns studies `tune` and their folders, by recorded name of the agent and signals.
 
     Raises:
       InputError: a folder holds no such study, or an agent was tuned twice with the same signals.

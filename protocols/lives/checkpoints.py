@@ -1,4 +1,4 @@
-"""Checkpoints of unfinished cohorts, and results of finished ones, as in `OUT/checkpoints`."""
+"""Checkpoints of unfinished cohorts, and results of finished ones, in `OUT/checkpoints`."""
 
 from __future__ import annotations
 
@@ -42,9 +42,10 @@ def save_checkpoint(path: Path, cohort: Cohort) -> None:
 def restored_cohort(
     path: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
 ) -> tuple[Cohort, str]:
-    """Returns a cohort from its checkpoint, or a new one, and a message about a damaged file.
+    """Returns a cohort from its checkpoint, or else a new one, and a message.
 
-    Its robots are made, or are those of a `batch` that have not moved yet.
+    The message is about a damaged file, or empty. The robots are those of `batch`, which have not
+    moved yet, or new ones if it is None.
     """
     unmoved = {} if batch is None else batch.get_state()
     cohort = Cohort(experiment, key, batch)
@@ -69,7 +70,7 @@ def restored_cohorts(
 ) -> tuple[list[Cohort], str]:
     """Returns cohorts of one task that share their physics, and a message about damaged files.
 
-    Several cohorts are for robots on tensors only.
+    Only robots on tensors allow more than one cohort.
     """
     if len(keys) == 1:
         cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
@@ -99,12 +100,12 @@ def read_minutes(directory: Path, experiment: Experiment, key: CohortKey) -> np.
 
 
 def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey) -> None:
-    """Writes what a finished cohort leaves."""
+    """Writes the results of a finished cohort."""
     save_arrays(path, lives.arrays(), **_identity(experiment, key))
 
 
 def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
-    """Reads what a finished cohort left, and checks that it can be of this experiment.
+    """Reads the results of a finished cohort, and checks that they can be of this experiment.
 
     Raises:
       FileNotFoundError: there is no such file.
@@ -126,7 +127,7 @@ def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
 
 
 def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
-    """Returns the notes that say whose file it is."""
+    """Returns the notes that name the experiment and the cohort of a file."""
     return {"cohort": str(key), **dataclasses.asdict(experiment)}
 
 

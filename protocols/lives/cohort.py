@@ -1,4 +1,4 @@
-"""A cohort: robots in lockstep, each alone in its arena, from the first test to the last."""
+"""A cohort: robots in lockstep, each alone in its arena, from the start to the end of a life."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ _MINUTE = control_steps(1)
 def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]:
     """Derives a cohort's random streams.
 
-    They depend only on the seed, the condition's name and the cohort's number: robots that are
-    added later, and the number of processes, change nothing.
+    They depend only on the seed, the condition's name and the cohort's number. Robots that are
+    added later, and the number of processes, do not change them.
 
     Returns:
       The seed of the cohort's brains, and the generator that draws its placements.
@@ -55,11 +55,11 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
-    """Makes the untrained agent of some robots, with a seed of its random stream.
+    """Makes the untrained agent of `robots` robots; `seed` starts its random stream.
 
     Raises:
-      InputError: the factory is not trusted, is not found, fails to import, has not these settings,
-        or returns no agent.
+      InputError: the factory is not trusted, is not found, fails to import, lacks one of the
+        settings, or returns no agent.
       RunError: the factory's module or the factory exits.
     """
     senses = senses_of(experiment.life_of(condition.task).task)
@@ -86,10 +86,10 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
 
 
 def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
-    """Returns the control steps of compiled brains in the kinematic simulator as one loop.
+    """Returns a function that simulates control steps of a compiled brain in one loop, or None.
 
-    The function takes a number of steps, whether robots learn, and counts of events to add to. None
-    where no such loop computes them.
+    The function takes a number of steps, whether robots learn, and counts to which it adds events.
+    None is returned if there is no such loop for this agent and this simulator.
     """
     # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
@@ -100,15 +100,15 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
 
 
 class Cohort:
-    """B robots that live the same life.
+    """B robots with the same life, simulated in lockstep.
 
     Attributes:
       experiment: Seed, cohort size, body, brain and other fields that decide the lives.
       key: Condition and number of the cohort.
       batch: The B robots in their arenas, on the experiment's device.
       agent: Agent that drives all B robots.
-      decide: Function `device.decide` of these robots, with the argument `learning`; on a GPU a
-        captured graph.
+      decide: Function `device.decide` for these robots, with the argument `learning`; on a GPU,
+        it replays a captured CUDA graph.
       step: Number of control steps simulated so far.
       steps: Number of control steps of the whole life.
     """
@@ -146,7 +146,7 @@ class Cohort:
 
     @property
     def finished(self) -> bool:
-        """Whether the last test is over."""
+        """Whether the life is over."""
         return self.step == self.steps
 
     @property
@@ -156,7 +156,7 @@ class Cohort:
 
     @property
     def leg(self) -> Leg:
-        """The stretch between two placements in which the next control step is."""
+        """The stretch of the life, between two placements, with the next control step."""
         return next(leg for leg in self._legs if self.step < leg.stop)
 
     def advance(self, steps: int) -> None:
@@ -164,31 +164,31 @@ class Cohort:
         advance_together([self], steps)
 
     def enter(self) -> None:
-        """Places robots and spots if a stretch begins with the next step, but only once."""
+        """Places robots and spots, once, if a new stretch (`leg`) begins with the next step."""
         if self.step == self.leg.start != self._entered:
             self.place(self.leg.phase)
             self._entered = self.step
 
     def recorded(self) -> Recorder:
-        """Simulates step by step from now on; returns what keeps the robots' motor values."""
+        """Simulates step by step from now on; returns the recorder of the robots' motor values."""
         self._fused = None
         recorder = self.agent = Recorder(self.agent)
         self.decide = functools.partial(decide, recorder, self.batch)
         return recorder
 
     def place(self, phase: Phase) -> None:
-        """Places robots and spots as a phase says."""
+        """Places robots and spots by the rule of a phase."""
         place(self.batch, phase, self._random)
         if phase.robot is not None:
             self.agent.reset()
 
     def count(self) -> None:
-        """Counts a control step, and its events, after the physics' step."""
+        """Counts a control step, and the robots with the measured event after it."""
         self._count_events()
         self.step += 1
 
     def simulate(self, steps: int, learning: bool) -> bool:
-        """Simulates and counts control steps at once; returns False where it cannot."""
+        """Simulates and counts control steps in one loop; returns False if there is none."""
         if self._fused is None:
             return False
         self._fused(steps, learning, self._counts)
@@ -198,7 +198,7 @@ class Cohort:
     def store(self, phase: Phase) -> None:
         """Stores the counted events, which are of one phase and minute, and counts from 0 again.
 
-        When a minute or the life ends, robots with a weight that is not finite are stopped.
+        When a minute or the life ends, robots with a NaN or infinite weight are stopped.
         """
         counts = on_host(self._counts)
         self._events[:, STAGES.index(phase.stage)] += counts
@@ -208,12 +208,12 @@ class Cohort:
             self.batch.stop(np.flatnonzero(self.unsound()))
 
     def unsound(self) -> np.ndarray:
-        """Returns which robots have, or had when last checked, a weight that is not finite."""
+        """Returns which robots have, or had at an earlier check, a NaN or infinite weight."""
         self._unsound |= ~sound(self.agent.weights(), self.batch.robots)
         return self._unsound
 
     def newly_stopped(self) -> dict[str, list[int]]:
-        """Returns the robots that were stopped since the last call, by the cause."""
+        """Returns the indices of the robots that were stopped since the last call, by cause."""
         new = ~self.valid & ~self._stopped
         self._stopped |= new
         unsound = self.unsound() if new.any() else new
@@ -265,7 +265,7 @@ class Cohort:
         check_same_shapes(wanted, shapes)
 
     def restore(self, arrays: Mapping[str, np.ndarray], notes: Mapping[str, Any]) -> None:
-        """Continues from the arrays, which `check_shapes` allows, and the notes of a checkpoint.
+        """Continues from a checkpoint's arrays, which `check_shapes` has allowed, and notes.
 
         Raises:
           ArithmeticError, AttributeError, KeyError, TypeError, ValueError: an array or a note is
@@ -302,13 +302,13 @@ class Cohort:
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
     """Simulates control steps of cohorts: of one, or of several that are parts of one batch.
 
-    A process that was killed may have saved some of the cohorts only: those at the earliest step go
-    first, while the others keep their states.
+    A process that was killed may have saved only some of the cohorts: then those at the earliest
+    step are simulated first, while the others keep their states.
 
     Args:
       cohorts: Cohorts of one task, at least one of them not finished.
-      steps: Largest number of control steps; the call ends earlier with the lives, or where cohorts
-        that were behind reach another.
+      steps: Largest number of control steps; the call ends earlier if the lives end, or if cohorts
+        that were behind catch up with another one.
     """
     earliest = min(cohort.step for cohort in cohorts)
     moving = [cohort for cohort in cohorts if cohort.step == earliest]

@@ -20,17 +20,17 @@ _BLOCK = 20_000  # robot-steps whose random numbers are drawn at once: they fit 
 
 
 class CompiledLife:
-    """Control steps of brains and their robots, as one compiled loop."""
+    """Simulates control steps of brains and their robots in one compiled loop."""
 
     def __init__(self, brain: CompiledNeurocontroller, batch: KinematicBatch) -> None:
-        """Takes robots that are `compilable`."""
+        """Takes brains, and robots that are `compilable`."""
         self._brain = brain
         names = ("poses", "wheels", "touch", "spots", "sensordata", "valid")
         self._robots = tuple(batch.arrays()[name] for name in names)
         self._world = world_of(batch)
 
     def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> None:
-        """Simulates control steps, and adds the events to the counts, shape (B,)."""
+        """Simulates control steps; adds each robot's number of events to `counts`, shape (B,)."""
         brain = self._brain
         parts = brain.nets, brain.neurons, brain.now
         while steps:
@@ -41,14 +41,14 @@ class CompiledLife:
 
 
 def compiled_life(brain: Neurocontroller, batch: Robots) -> CompiledLife | None:
-    """Returns a cohort's control steps as one loop; None where that loop does not compute them."""
+    """Returns a cohort's control steps as one loop; None if that loop cannot compute them."""
     if isinstance(brain, CompiledNeurocontroller) and type(batch) is KinematicBatch:
         return CompiledLife(brain, batch) if compilable(batch) else None
     return None
 
 
 def compilable(batch: KinematicBatch) -> bool:
-    """Returns whether the compiled loop computes the motion, the sensors and the task of robots."""
+    """Returns whether the compiled loop can compute motion, sensors and task of these robots."""
     how, layout = batch.kinematics, batch.rules.layout
     places = layout.distances.start, layout.touch.start, layout.smell.start
     return (
@@ -61,7 +61,7 @@ def compilable(batch: KinematicBatch) -> bool:
 
 
 def world_of(batch: KinematicBatch) -> Any:
-    """Returns what the compiled loop reads of a batch, see `equations.simulate`."""
+    """Returns the numbers of a batch that the compiled loop reads, see `equations.simulate`."""
     rules, size, how = batch.rules, batch.dimensions, batch.kinematics
     room = size.half_length - size.radius, size.half_width - size.radius
     speed = 2 * size.motor_speed  # [m/s] for a motor value of 1

@@ -15,12 +15,13 @@ _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 @dataclasses.dataclass(frozen=True)
 class Condition:
-    """A column of table 1 or 2: a task and how actions are proposed in it.
+    """A column of table 1 or 2: a life, and the proposer or agent of its robots.
 
-    Conditions sort as in the paper's tables; agents follow the paper's proposers, by name.
+    Conditions sort as in the paper's tables; agents come after the paper's proposers, by name.
 
     Attributes:
-      task: Name of a life, such as "spot_finding"; NAME@K for newborns in its phase K.
+      task: Name of a life, such as "spot_finding"; NAME@K is phase K (from 1) of the life NAME,
+        with newborn robots.
       proposer: "fixed", "random" or "creative", or the factory of an agent as
         "package.module:factory".
     """
@@ -29,7 +30,7 @@ class Condition:
     proposer: str
 
     def __post_init__(self) -> None:
-        """Raises InputError if no life or proposer can have these names."""
+        """Raises InputError if no life can be named `task`, or no proposer or agent `proposer`."""
         if not LIFE_NAME.fullmatch(self.task):
             raise InputError(
                 f"a life has a name such as {', '.join(LIVES)}, got {shown(self.task)}"
@@ -73,7 +74,7 @@ class CohortKey:
 
 
 def check_proposer(name: str) -> None:
-    """Raises InputError if a name is neither a proposer's nor in the form of an agent's factory."""
+    """Raises InputError if a name is no proposer's and not of the form of an agent's factory."""
     if name not in PROPOSERS and not _FACTORY.fullmatch(name):
         question = similar(name, PROPOSERS)
         raise InputError(

@@ -1,4 +1,4 @@
-"""Experiments in words: names of brains and readings, NAME=VALUE, and files.
+"""Reads experiments: names of brains and readings, words NAME=VALUE, and files.
 
 A file is TOML, or the `experiment.json` of a run.
 """
@@ -54,13 +54,13 @@ _ROW = ("task", "proposer", "robots")
 
 
 def named_reading(name: str) -> Mapping[str, Any]:
-    """Returns the fields of an experiment that a reading of the paper sets; InputError for none."""
+    """Returns the fields that a reading of the paper sets; raises InputError if there is none."""
     check_name("reading", name, READINGS)
     return READINGS[name]
 
 
 def named_brain(name: str) -> Parameters:
-    """Returns the parameters of a named brain; raises InputError where there is none."""
+    """Returns the parameters of a named brain; raises InputError if there is none."""
     check_name("brain", name, BRAINS)
     return BRAINS[name]
 
@@ -69,7 +69,7 @@ def named_brain(name: str) -> Parameters:
 
 
 def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
-    """Reads words NAME=VALUE.
+    """Reads words NAME=VALUE; returns the values by name.
 
     Args:
       words: Words NAME=VALUE; VALUE is a number, true, false, null, a list in JSON, or else a text.
@@ -115,7 +115,7 @@ def _replaced(numbers: Numbers, values: Mapping[str, Any]) -> Numbers:
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """What a file asks for.
+    """Contents of a configuration file.
 
     Attributes:
       values: Fields of `Experiment` that the file gives, by name.
@@ -130,8 +130,8 @@ class Config:
 def read_config(path: Path) -> Config:
     """Reads a file with the sections `experiment` and `plan` of a run's `experiment.json`.
 
-    Every field may be left out. `brain` is the name of a brain, or the parameters that differ from
-    the paper's brain, or from the brain that `name` names among them.
+    Every field may be left out. `brain` is the name of a brain, or parameters that differ from the
+    paper's brain. If these contain a `name`, they differ from the brain of this name instead.
 
     Args:
       path: File to read: JSON if it ends in .json, otherwise TOML.
@@ -160,8 +160,8 @@ def read_life(path: Path) -> Life:
     """Returns the life of a TOML file (docs/lives.md).
 
     Raises:
-      InputError: there is no such file, it cannot be read, its life has the name of another, or a
-        value is not allowed.
+      InputError: there is no such file, it cannot be read, its life has the name of a life or task
+        of musebot, or a value is not allowed.
     """
     try:
         return _own_life(tomllib.loads(read_whole(path).decode()))
@@ -172,7 +172,7 @@ def read_life(path: Path) -> Life:
 
 
 def _own_life(fields: Any) -> Life:
-    """Returns the life with some fields; raises InputError where it is a wrong one."""
+    """Returns the life that has these fields; raises InputError if a field is invalid."""
     try:
         life = life_from(fields)
         if life.name in LIVES or life.name in TASKS:
@@ -217,7 +217,7 @@ def _robots(rows: Any) -> dict[tuple[str, str], int]:
 
 
 def _checked(given: Any, allowed: tuple[str, ...], what: str) -> dict[str, Any]:
-    """Returns values by name, lists as tuples; raises InputError for a name that is not allowed."""
+    """Returns values by name, lists as tuples; raises InputError for a name not in `allowed`."""
     if not isinstance(given, Mapping):
         raise InputError(f"{what} must have names with values, got {shown(given)}")
     for name in given:

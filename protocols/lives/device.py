@@ -31,7 +31,7 @@ def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
     """Returns the robots of some cohorts, at the origin, on the experiment's device.
 
-    Several cohorts are parts of one batch, for robots on tensors only.
+    Several cohorts, which only robots on tensors allow, are parts of one batch.
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:
@@ -52,11 +52,11 @@ def on_tensors(batch: Robots) -> TensorRobots:
 
 
 def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
-    """Simulates a control step of robots.
+    """Simulates one control step of robots.
 
     Args:
-      batches: One batch, or some parts of one; the motor values of its other parts are 0.
-      motors: Motor values of each batch or part, shape (B, 2).
+      batches: One batch, or some parts of one batch, whose other parts get motor values of 0.
+      motors: Left and right motor values, shape (B, 2), for each of `batches`.
     """
     first = batches[0]
     if not isinstance(first, Part):
@@ -100,28 +100,28 @@ def zero_counts(batch: Robots) -> Any:
 
 
 def add_events(batch: Robots, counts: Any) -> None:
-    """Adds 1 to the count of each robot for which the measured event holds, shape (B,)."""
+    """Adds 1 to the count, shape (B,), of each robot with the measured event, such as contact."""
     counts += batch.rules.event(batch.sensordata)
 
 
 class CapturedSteps:
-    """Control steps of a brain on a GPU besides the physics, captured once and then replayed.
+    """All of a control step on a GPU but the physics, captured as CUDA graphs, then replayed.
 
     Training and tests are captured separately, and each for both places in which a brain remembers
     alternate steps.
 
     Attributes:
-      count: Function that adds the events after a step of the physics to the counts.
+      count: Function that adds the measured events to the counts after a step of the physics.
     """
 
     def __init__(self, brain: Neurocontroller, batch: Robots, counts: torch.Tensor) -> None:
-        """Prepares the steps; the first ones are direct.
+        """Prepares the steps; the first ones run directly, before they are captured.
 
         Args:
           brain: Brains of the B robots, on a GPU.
           batch: Robots whose sensor data are tensors on the brains' device.
-          counts: Number of steps with the event of each robot so far, shape (B,); increased in
-            place.
+          counts: Number of steps with the measured event of each robot so far, shape (B,);
+            increased in place.
         """
         device, random = counts.device, brain.generator
         self._brain = brain
@@ -152,7 +152,7 @@ def _decide(brain: Neurocontroller, batch: Robots, motors: torch.Tensor, learnin
 
 
 def captured_steps(agent: Agent, batch: Robots, counts: Any) -> CapturedSteps | None:
-    """Returns the steps of a cohort as a GPU replays them; None where steps are direct."""
+    """Returns a cohort's steps as a GPU replays them; None if they are not captured."""
     is_brain = type(agent) is NeurocontrollerAgent  # a subclass may act otherwise
     if is_brain and isinstance(counts, torch.Tensor) and capture.captures(counts.device):
         return CapturedSteps(agent.controller, batch, counts)

@@ -1,4 +1,4 @@
-"""What an experiment is: the parameters that decide every robot's life."""
+"""Experiments: the parameters that decide every robot's life."""
 
 from __future__ import annotations
 
@@ -40,8 +40,9 @@ class Experiment:
     Attributes:
       seed: Seed from which all random streams derive.
       cohort_size: Number of robots simulated in lockstep on one random stream.
-      time_scale: Factor on every duration of a life, in (0, 1]; below 1 for rehearsals.
-      nose: Form of Eq. 3, "inverse" or "printed" (see `tasks.sensors.Nose`).
+      time_scale: Factor on every duration of a life, in (0, 1]; below 1 for short rehearsals.
+      nose: Form of Eq. 3: "inverse", in which the smell falls with the distance, or "printed", in
+        which it grows (see `tasks.sensors.Nose`).
       nose_place: Place of the nose: "front" of the rim, or "centre" of the robot.
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
@@ -50,16 +51,17 @@ class Experiment:
         the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Settings of the kinematic simulator, for the body "kinematic" only.
-      brain: Parameters of the neurocontroller, for conditions with one.
+      brain: Parameters of the neurocontroller, for conditions with a proposer.
       physics: Engine of the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
         computes in single precision (docs/physics.md).
       device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the brains and the kinematic
         simulator or MuJoCo Warp compute. Lives differ between devices, because random numbers and
         rounding do.
       backend: Library that computes the paper's brain: "torch", or "numba", which also computes the
-        kinematic simulator (docs/performance.md). Lives differ by rounding.
+        kinematic simulator (docs/performance.md). Lives with the two differ by rounding.
       signals: Observation set of agents: "paper", or "raw" with smell and reward before they
-        saturate (see `agents.senses`). Brains have `raw_signals` and `raw_reward` instead.
+        saturate (see `agents.senses`). For brains, the parameters `raw_signals` and `raw_reward`
+        set this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
       life: Life that the user defines; None if all lives are those of `tasks.lives.LIVES`.
     """
@@ -83,7 +85,7 @@ class Experiment:
     life: Life | None = None
 
     def __post_init__(self) -> None:
-        """Raises InputError where a value is out of its range, or excluded by another one."""
+        """Raises InputError if a value is out of its range, or excluded by another value."""
         try:
             check(self)
         except ValueError as error:
@@ -134,11 +136,11 @@ class Experiment:
 
     @property
     def rehearsal(self) -> str:
-        """In words, that all durations are scaled; empty if they are not."""
+        """Text that all durations are scaled; empty if they are not."""
         return "" if self.time_scale == 1 else f"all durations times {self.time_scale:g}"
 
     def life_of(self, name: str) -> Life:
-        """Returns a life with scaled durations; InputError where there is none of this name."""
+        """Returns a life with scaled durations; raises InputError if there is no such life."""
         lives = {**LIVES, **({self.life.name: self.life} if self.life else {})}
         try:
             return life_named(name, lives).scaled(self.time_scale)
@@ -152,12 +154,12 @@ class Experiment:
     def batch(self, life: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Returns robots in lockstep on the host, with the body of the experiment.
 
-        Physics is C MuJoCo's: a cohort moves its robots to the experiment's device and physics,
-        films and figures do not.
+        The body "mujoco" is simulated by C MuJoCo: a cohort then moves its robots to the
+        experiment's device and physics, films and figures do not.
 
         Args:
           life: Name of a life, or of a task of the domain "arena".
-          robots: Number of robots.
+          robots: Number B of robots.
           edits: Edits of the arena's model, made after the task's own.
         """
         task = life if life in TASKS else self.life_of(life).task
@@ -179,7 +181,7 @@ def brain_name(brain: Parameters) -> str:
 
 
 def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinematics) -> list[str]:
-    """Returns the words NAME=VALUE that turn a reference into the given parameters."""
+    """Returns the words NAME=VALUE that turn `reference` into `numbers`."""
     theirs = dataclasses.asdict(reference)
     return [
         f"{name}={value if isinstance(value, str) else json.dumps(value, separators=(',', ':'))}"
@@ -189,9 +191,9 @@ def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinem
 
 
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
-    """Returns the fields in which two experiments differ, by dotted name, with both values.
+    """Returns both values of each field in which two experiments differ, by dotted name.
 
-    A life is given by its name.
+    The value of a life is its name.
     """
     first, second = (flat(dataclasses.asdict(one) | {"life": one.life}) for one in (ours, other))
     found = {name: (first[name], second[name]) for name in first if first[name] != second[name]}

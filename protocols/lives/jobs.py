@@ -1,4 +1,4 @@
-"""Jobs: pieces of work that write files, and can stop and continue at any moment."""
+"""Jobs: pieces of work that write files, and that can stop and continue at any moment."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def run_job(job: Job, stop: Stop, report: Report) -> bool:
 
 
 def stopped_by(error: Exception) -> RunError:
-    """Returns the error that says in one sentence what stopped a simulation."""
+    """Returns an error whose text, one sentence, says what stopped a simulation."""
     what = f"a file could not be read or written ({error})" if isinstance(error, OSError) else DIED
     return RunError(f"{what}; the same command continues from the last checkpoints")
 
@@ -166,7 +166,7 @@ class CohortJob:
         return True
 
     def _advance(self, cohorts: Sequence[Cohort]) -> None:
-        """Simulates until the next look at the clock, on a GPU for a simulated minute.
+        """Simulates `_CHUNK` control steps, on a GPU a simulated minute; then the clock is checked.
 
         Raises:
           InputError, RunError: an agent failed, or Warp has no room for a robot's contacts.
@@ -218,7 +218,7 @@ def execute(
       executor: `Local` or `RayCluster`, which runs the jobs in processes.
       finished: Function that is called with each job as soon as it is done.
       watcher: Function that is called several times a second, for example to update a log.
-      quiet: Whether to show no progress.
+      quiet: Whether to hide the progress.
 
     Raises:
       Interrupted, RunError: see `Executor`.

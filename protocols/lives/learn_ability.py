@@ -92,10 +92,10 @@ def summarise(
     """Summarises valid robots as tables 1 and 2 do.
 
     Args:
-      abilities: L of each robot; NaN for a genius or an ignorant.
-      post_times: Time of each robot in contact, or in the spot, in the test after training, in [s].
+      abilities: L of each of n robots, shape (n,); NaN for a genius or an ignorant.
+      post_times: Time of each robot in contact, or in the spot, after training, in [s], shape (n,).
       test_time: Duration of the test after training, in [s].
-      invalid: Number of invalid robots, which the other arguments leave out.
+      invalid: Number of invalid robots, which are not among the n robots.
       exact: Whether L is classed without rounding, see `classes`; mean and deviation are never
         rounded.
     """

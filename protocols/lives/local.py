@@ -1,4 +1,4 @@
-"""Runs jobs on this machine's cores, one process each; signals that ask to stop."""
+"""Runs jobs on this machine's cores, a process each, and stops them on signals."""
 
 from __future__ import annotations
 
@@ -88,9 +88,9 @@ class Local:
 
 
 def _end(processes: Iterable[BaseProcess]) -> None:
-    """Waits for processes that save a checkpoint, and kills those that cannot end.
+    """Waits for processes, which may save a checkpoint, and kills those that do not end.
 
-    A process that was killed may have held the lock of a queue, for which others wait for ever.
+    A process that was killed may have held the lock of a queue: others then wait for it for ever.
     """
     deadline = time.monotonic() + _GRACE
     for process in processes:
@@ -104,7 +104,7 @@ def _end(processes: Iterable[BaseProcess]) -> None:
 class StopRequest:
     """Handler of signals that sets the flag `stop`.
 
-    A plain flag: an Event has a lock that the interrupted thread may hold.
+    The flag is no `Event`: that has a lock, which the interrupted thread may hold.
     """
 
     stop = False
@@ -115,7 +115,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """Turns Ctrl-C and signals to end into a request to stop."""
+    """Yields a `StopRequest`, whose flag is set by Ctrl-C or another signal to end."""
     request = StopRequest()
     with handling(request, signal.SIGINT, *END_SIGNALS):
         yield request
@@ -141,7 +141,7 @@ def handling(
 
 
 def _heard(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
-    """Returns signals without a hang-up that is ignored."""
+    """Returns the signals, without a hang-up (SIGHUP) that this process ignores."""
     ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return [number for number in numbers if number != signal.SIGHUP or not ignored]
 
@@ -160,7 +160,7 @@ def prepare_process() -> None:
 def single_threaded_children() -> Iterator[None]:
     """Makes processes that start in this context have one thread and no OpenGL.
 
-    Several threads only slow down tensors as small as these, and nothing is drawn.
+    Several threads only slow down computations with small tensors, and nothing is drawn.
     """
     settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
     before = {name: os.environ[name] for name in settings if name in os.environ}
@@ -177,8 +177,8 @@ def single_threaded_children() -> Iterator[None]:
 def children_without_script() -> Iterator[None]:
     """Makes processes that start in this context not import the main module.
 
-    Python imports it in every process that it spawns, where a script without the usual guard would
-    simulate again. Jobs need nothing of it.
+    Python imports the main module in every process that it spawns. A script without the usual main
+    guard would simulate again there. Jobs need nothing of it.
     """
     main = sys.modules["__main__"]
     hidden = {name: vars(main)[name] for name in ("__spec__", "__file__") if name in vars(main)}
@@ -206,7 +206,7 @@ def _prepare(stop: Any, reports: Any) -> None:
 
 
 def _follow_parent() -> None:
-    """Ends this process as soon as the one that started it ends."""
+    """Ends this process as soon as its parent process ends."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
         os._exit(1)

@@ -1,6 +1,6 @@
 """The file `experiment.json`: what is simulated, in which physics, by which versions.
 
-It also answers whether files and folders are those of an experiment.
+The module also checks whether files and folders are those of an experiment.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and the versions that simulate it.
 
-    Versions in an existing file are kept if robots were simulated with them: if it was `begun`.
+    Versions in an existing file are kept if the run has `begun`: they have simulated robots.
     """
     path = directory / MANIFEST
     made_with: list[Any] = []
@@ -97,17 +97,17 @@ def read_manifest(directory: Path) -> Plan:
 def check_identity(
     path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any], what: str = "an experiment"
 ) -> None:
-    """Checks that a file or a folder is of the experiment, or of the study, that is wanted.
+    """Checks that a file or a folder is of the wanted experiment or study.
 
     Args:
-      path: File or folder, which the message names.
-      held: Values that it stores, by name: plain data or dataclasses. Fields of an experiment that
-        it lacks count as their defaults.
-      wanted: Values that it must store, by name; it may store others.
-      what: What it describes, for the message, such as "a run".
+      path: File or folder, for the error's text.
+      held: Values that the file stores, by name: plain data or dataclasses. Fields of an experiment
+        that are missing have their defaults.
+      wanted: Values that the file must store, by name; it may store others.
+      what: Kind of thing that the file describes, such as "a run", for the error's text.
 
     Raises:
-      DamagedFileError: a value is missing or differs; the text names it, as "brain.noise".
+      DamagedFileError: a value is missing or differs; the text has its name, such as "brain.noise".
     """
     # As JSON, in which tuples are lists.
     given = [held, wanted, Experiment()]
@@ -124,7 +124,7 @@ def check_identity(
 
 
 def _completed(held: Any, defaults: Any) -> Any:
-    """Returns values with defaults where they lack some, also in nested ones."""
+    """Returns values, completed by defaults where some are missing, also in nested values."""
     if not (isinstance(held, dict) and isinstance(defaults, dict)):
         return held
     own = {name: _completed(held.get(name, value), value) for name, value in defaults.items()}
@@ -135,7 +135,7 @@ def _completed(held: Any, defaults: Any) -> Any:
 
 
 def check_physics(directory: Path) -> None:
-    """Raises InputError if a run was simulated in another physics than this version's."""
+    """Raises InputError if a run was simulated in another physics than that of this version."""
     if not same_physics(directory):
         raise InputError(
             f"{directory} was simulated in another physics than this version's, or by another "
@@ -161,7 +161,7 @@ def same_physics(directory: Path) -> bool:
 def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tuple[float, ...]:
     """Drives a robot into a wall and returns its pose and sensor readings there.
 
-    A changed mass, friction or timestep changes these numbers; decoration does not. With
+    A changed mass, friction or timestep changes these numbers; a changed colour does not. With
     non-default kinematics, robots also drive along a wall at several angles.
     """
     experiment = Experiment(body=body, kinematics=kinematics)
@@ -184,7 +184,7 @@ def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tup
 
 
 def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
-    """Returns whether a stored probe equals this version's probe of an experiment's body."""
+    """Returns whether a stored probe equals this version's `physics_probe` of an experiment."""
     ours = physics_probe(experiment.body, experiment.kinematics)
     return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))
 
@@ -211,7 +211,7 @@ def machine() -> dict[str, Any]:
 
 @functools.cache
 def _commit() -> str | None:
-    """Returns the commit of this package, with "-dirty" if files differ; None without Git."""
+    """Returns this package's commit, with "-dirty" if files differ from it; None without Git."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():  # an installed copy, perhaps inside another repository
         return None

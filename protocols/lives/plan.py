@@ -1,4 +1,4 @@
-"""Plans: which robots are wanted, into which cohorts they split, and what memory they need."""
+"""Plans: which robots are wanted, the cohorts into which they split, and their memory."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Plan:
         return tuple(self.robots)
 
     def cohorts(self) -> list[CohortKey]:
-        """Returns all cohorts, the longest lives first, so that processes end nearly together."""
+        """Returns all cohorts, those with the longest lives first: processes then end together."""
         keys = [
             CohortKey(condition, index)
             for condition, robots in self.robots.items()
@@ -86,7 +86,7 @@ class Plan:
 
 
 def check_robots(robots: Any) -> None:
-    """Raises InputError for a number of robots of a condition that cannot be simulated."""
+    """Raises InputError unless a condition can have this number of robots."""
     if type(robots) is not int or not 1 <= robots <= MOST_ROBOTS:
         raise InputError(
             f"robots must be a whole number from 1 to {MOST_ROBOTS}, got {shown(robots)}"
@@ -97,7 +97,7 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
     """Returns the largest common divisor of numbers of robots that is at most `most`.
 
     Raises:
-      InputError: the robots only split into many small cohorts, which are simulated slowly.
+      InputError: the numbers only split into many small cohorts, whose simulation is slow.
     """
     common = math.gcd(*robots)
     size = max(size for size in range(1, min(most, max(common, 1)) + 1) if common % size == 0)
@@ -113,7 +113,7 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
 
 
 def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with some fields replaced; "brain.epsilon" is a field of a part.
+    """Returns an experiment with other values of some fields, such as "seed" or "brain.epsilon".
 
     Raises:
       InputError: a value is invalid.
@@ -136,9 +136,9 @@ def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
 
 
 def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
-    """Returns about how many bytes a cohort needs, beyond an empty process's.
+    """Returns about how many bytes a cohort needs, in addition to those of its process.
 
-    Measured with 1 to 1000 ideas and hidden neurons: right within a factor of 2.
+    The estimate was within a factor of 2 of measurements with 1 to 1000 ideas and hidden neurons.
     """
     robot, shared = _ROBOT + (_WARP if experiment.physics == "warp" else 0), 0
     if (shapes := network_shapes(experiment, condition)) is not None:
@@ -154,7 +154,7 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
 def job_bytes(plan: Plan) -> int:
     """Returns about how many bytes the largest job of a plan needs.
 
-    On tensors a job has the cohorts of all conditions of a task.
+    On tensors, a job has the cohorts of all conditions of a task.
     """
     jobs: collections.Counter[str] = collections.Counter()
     for condition in plan.robots:
@@ -178,9 +178,9 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
     """Raises InputError where a plan needs more memory than the machine has.
 
     Args:
-      plan: Robots that are to be simulated.
+      plan: Plan of the robots that are to be simulated.
       at_once: Largest number of jobs that the machine runs at a time.
-      whole: All robots that the results will have; None for those of `plan`.
+      whole: Plan of all robots that the results will have; None if it is `plan`.
     """
     size, whole = plan.experiment.cohort_size, whole or plan
     jobs = min(at_once, sum(plan.robots.values()) // size)
@@ -195,8 +195,8 @@ def check_agent_memory(plan: Plan, condition: Condition, state: float, weights: 
     Args:
       plan: Plan of the run, which has the cohort size and the number of robots.
       condition: Condition whose robots the agent drives.
-      state: Bytes of one robot in `Agent.state`, of which copies exist while it is written.
-      weights: Bytes of one robot in `Agent.weights`, kept before and after training.
+      state: Bytes per robot of `Agent.state`; several copies exist while it is written.
+      weights: Bytes per robot of `Agent.weights`, which are kept before and after training.
     """
     robots, size = plan.robots[condition], plan.experiment.cohort_size
     _check_fits(f"a cohort of {condition}", _COPIES * size * state)

@@ -33,7 +33,7 @@ class RayCluster:
     """Executor that runs jobs on the cores of a Ray cluster."""
 
     def __init__(self, address: str) -> None:
-        """Connects to the cluster at "host:port"; raises InputError where it cannot."""
+        """Connects to the cluster at "host:port"; raises InputError if that fails."""
         if not (parts := _ADDRESS.fullmatch(address)):
             raise InputError(f"the address must be host:port, got {address!r}")
         try:

@@ -1,4 +1,4 @@
-"""A run as a value: what was measured of its robots, and what is derived from that."""
+"""A run as a value: measurements of its robots, and results derived from these."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NetworkArrays = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Lives:
-    """What was measured of N robots of a condition: a finished cohort, or several in their order.
+    """Measurements of N robots of a condition: of a finished cohort, or of several in order.
 
     Attributes:
       events: Number of control steps in contact, or in the spot, in the test before training, in
@@ -72,7 +72,7 @@ Measured = Mapping[Condition, Lives]
 
 
 def joined(older: Measured, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Measured:
-    """Adds finished cohorts to the robots of a run, in the order of the cohorts' numbers."""
+    """Returns the measurements of a run, with those of more cohorts added in their order."""
     parts = {condition: [lives.arrays()] for condition, lives in older.items()}
     for key, lives in sorted(cohorts, key=lambda item: item[0]):
         parts.setdefault(key.condition, []).append(lives.arrays())
@@ -86,7 +86,7 @@ def joined(older: Measured, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Measu
 def network_shapes(
     experiment: Experiment, condition: Condition
 ) -> Mapping[str, tuple[int, ...]] | None:
-    """Returns the shape of each array of one robot's networks; None for an agent of a user's."""
+    """Returns the shape of each array of one robot's networks; None if it has no brain."""
     if not condition.has_brain:
         return None
     senses = senses_of(experiment.life_of(condition.task).task)
@@ -100,13 +100,13 @@ def network_shapes(
 def lives_shapes(
     experiment: Experiment, condition: Condition, robots: int, found: Shapes, networks: bool = True
 ) -> Shapes:
-    """Returns the dtype and the shape that each array of lives must have, by `Lives.arrays`.
+    """Returns the dtype and shape that each array of lives must have, named as in `Lives.arrays`.
 
     Args:
-      experiment: Experiment, which decides durations and networks.
-      condition: Condition, which decides the life and the kind of agent.
+      experiment: Experiment of the robots, which decides durations and networks.
+      condition: Condition of the robots, which decides the life and the kind of agent.
       robots: Number of robots, N.
-      found: Dtypes and shapes in a file, which decide those of the weights of a user's agent.
+      found: Dtypes and shapes in a file; for the weights of an agent, these are the wanted ones.
       networks: Whether networks are among the arrays; False for a run kept without them.
     """
     minutes = len(experiment.life_of(condition.task).steps_of_minutes())
@@ -127,7 +127,7 @@ def lives_shapes(
 
 
 def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
-    """Raises ValueError where arrays are missing or foreign, or differ in dtype or shape."""
+    """Raises ValueError if an array is missing or foreign, or has another dtype or shape."""
     for name in sorted({*wanted, *found}):
         if (must := wanted.get(name, "absent")) != (own := found.get(name, "missing")):
             raise ValueError(f"{name} must be {must}, is {own}")
@@ -158,7 +158,7 @@ def check_lives(life: Life, lives: Lives) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Robot:
-    """A robot, a row of robots.csv. In a life without tests all that tests measure is empty.
+    """A robot, a row of robots.csv. In a life without tests, the cells of tests are empty.
 
     Attributes:
       task: Name of the robot's life, such as "spot_finding".
@@ -185,7 +185,7 @@ class Robot:
 
     @property
     def valid(self) -> bool:
-        """Whether the robot's simulation was stable to the end; others are in no statistic."""
+        """Whether the robot's simulation was stable to the end; statistics omit other robots."""
         return self.category != INVALID
 
 
@@ -206,7 +206,7 @@ class ConditionResults:
 
     @classmethod
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
-        """Derives the results of a condition from what was measured of all its robots."""
+        """Derives the results of a condition from the measurements of all its robots."""
         task, life = condition.task, experiment.life_of(condition.task)
         seconds = CONTROL_TIMESTEP if life.tested else math.nan  # of a control step of a test
         pre, post = (lives.events[:, part] * seconds for part in (0, 2))
@@ -239,7 +239,7 @@ Results = Mapping[Condition, ConditionResults]
 
 
 def results_of(experiment: Experiment, measured: Measured) -> Results:
-    """Derives the results of a run from what was measured."""
+    """Derives the results of a run from the measurements."""
     return {c: ConditionResults.of(experiment, c, lives) for c, lives in measured.items()}
 
 
@@ -294,7 +294,7 @@ class Run:
         return self.results[condition].curves[self.valid_rows(condition)]
 
     def networks(self, condition: Condition, when: When) -> NetworkArrays:
-        """Returns the networks of all robots before or after training, each (N, ...)."""
+        """Returns N robots' networks "before" or "after" training, arrays (N, ...) by name."""
         return self.results[condition].networks[when] if condition in self.results else {}
 
     def abilities(self, condition: Condition) -> np.ndarray:

@@ -1,6 +1,6 @@
 """The one reader and writer of a run's results.
 
-`results.safetensors` holds what was measured, see `run.Lives`: for each condition the arrays
+`results.safetensors` holds what was measured, see `run.Lives`: for each condition, the arrays
 "task/proposer/events", "task/proposer/minutes", "task/proposer/valid" and the networks,
 "task/proposer/before/..." and "task/proposer/after/...". One atomic write makes the file, which
 has the digest of all its arrays and names its experiment. `robots.csv` is an export for people.
@@ -68,7 +68,7 @@ def planned(directory: Path) -> Plan | None:
 
 
 def write_results(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes robots.csv, then what was measured, so that robots.csv is never the older one."""
+    """Writes robots.csv, then results.safetensors, so that robots.csv is never the older file."""
     export_robots(directory, experiment, measured)
     arrays = {
         f"{condition}/{name}": array
@@ -79,7 +79,7 @@ def write_results(directory: Path, experiment: Experiment, measured: Measured) -
 
 
 def export_robots(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes robots.csv, a row for each robot, which nothing reads back."""
+    """Writes robots.csv, with a row for each robot; musebot does not read the file."""
     text = io.StringIO()
     writer = csv.DictWriter(text, _COLUMNS, lineterminator="\n")
     writer.writeheader()
@@ -95,9 +95,9 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
 
     Args:
       directory: Folder of the run.
-      experiment: Experiment of the run, which the file must name.
-      networks: Whether the networks are read; otherwise, and in a run kept without them, `before`
-        and `after` are empty.
+      experiment: Experiment of the run; the file with the results must name the same one.
+      networks: Whether to read the networks; if not, or if the run is kept without networks,
+        `before` and `after` are empty.
 
     Raises:
       DamagedFileError: the file is damaged, or of another experiment.
@@ -142,7 +142,7 @@ def _by_condition(items: Mapping[str, Any]) -> dict[Condition, dict[str, Any]]:
 
 
 def check_kept_networks(directory: Path, measured: Measured) -> None:
-    """Raises InputError where a run is kept without the networks of its robots."""
+    """Raises InputError if a run is kept without the networks of its robots."""
     if any(condition.has_brain and not lives.after for condition, lives in measured.items()):
         raise InputError(f"{directory} is kept without the networks of its robots")
 
@@ -158,9 +158,9 @@ def read_run(
     Args:
       directory: Folder of the run.
       name: Name of the run; empty for the folder's name.
-      replay: Whether the run's brains will drive robots again; a notice then warns of a physics
-        that differs from this version's.
-      networks: Whether to read the networks, too; must be False for a run kept without them.
+      replay: Whether the run's brains will drive robots again; a notice then warns if this
+        version has another physics than the run.
+      networks: Whether to read the networks, too; must be False for a run kept without networks.
 
     Raises:
       InputError: the folder holds no such run or no finished robots, what it holds is damaged, or

@@ -61,7 +61,7 @@ def simulate(
       plan: Experiment, and the number of robots wanted in each condition.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
-      quiet: Whether to show no progress.
+      quiet: Whether to hide the progress and messages.
       log: Whether to write curves for TensorBoard, too.
 
     Returns:
@@ -101,7 +101,7 @@ def simulate(
 
 
 def check_device(plan: Plan) -> None:
-    """Raises InputError if a plan's device is missing, too small, or not for its robots."""
+    """Raises InputError if a plan's device is missing, too small, or cannot simulate its robots."""
     if plan.experiment.backend == "numba" and not importlib.util.find_spec("numba"):
         raise InputError("Numba is not installed; pip install 'musebot[numba]' gets it")
     device, warp = plan.experiment.device, plan.experiment.physics == "warp"
@@ -132,11 +132,11 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
 
     Args:
       plan: Plan with the robots that are missing.
-      held: Finished robots, to which the missing ones will be added; None for none.
+      held: Measurements of the run's finished robots; None if there are none.
 
     Raises:
       InputError: there is no such agent, it needs more memory than the machine has, does not
-        return motor values, or keeps other weights than the robots that are there.
+        return motor values, or has weights of another kind than the finished robots.
     """
     experiment = plan.experiment
     settings = settings_from(experiment.settings, several=True)
@@ -166,9 +166,9 @@ def _sizes(agent: Agent) -> np.ndarray:
 def check_same_weights(
     who: Condition | CohortKey, own: Mapping[str, np.ndarray], kept: Mapping[str, np.ndarray]
 ) -> None:
-    """Raises InputError where an agent's weights are not of the kind that earlier robots have.
+    """Raises InputError if the weights `own` and `kept` differ in name, dtype or shape per robot.
 
-    Another version of the agent may have simulated those.
+    Another version of the agent may have simulated the earlier robots.
     """
     kinds, known = (
         {(name, array.dtype, array.shape[1:]) for name, array in weights.items()}
@@ -189,7 +189,7 @@ class UnfinishedRun:
     Attributes:
       directory: Folder of the run, an absolute path.
       plan: Plan with all robots that the run will have.
-      measured: What was measured of the robots collected so far.
+      measured: Measurements of the robots collected so far.
       left: Cohorts whose results are not read yet.
       lives: Results of finished cohorts, kept until all cohorts are finished.
     """
@@ -230,7 +230,7 @@ class UnfinishedRun:
         return Run(self.directory.name, experiment, results_of(experiment, self.measured))
 
     def check(self, at_once: int = 1) -> None:
-        """Checks that the robots that are left can be simulated, so many jobs at a time.
+        """Checks that the robots that are left can be simulated, `at_once` jobs at a time.
 
         Raises:
           InputError: a device is missing, an agent fails, or the memory is too small.
@@ -247,7 +247,7 @@ class UnfinishedRun:
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
 
-        Robots that are not valid are left out.
+        Invalid robots are left out.
         """
         experiment = self.plan.experiment
         steps = experiment.life_of(condition.task).steps_of_minutes()
@@ -293,7 +293,7 @@ class UnfinishedRun:
     def jobs(self, save_every: float) -> list[CohortJob]:
         """Returns the jobs of the cohorts that are left.
 
-        On tensors, cohorts of a task with the same number share their physics.
+        On tensors, a task's cohorts with the same number (of different proposers) share a job.
         """
         experiment, groups = self.plan.experiment, {}
         for key in self.left:
@@ -305,7 +305,7 @@ class UnfinishedRun:
         ]
 
     def finished(self, job: Job) -> None:
-        """Reads finished cohorts; after the last one, writes the results of all."""
+        """Reads a job's finished cohorts; after the last cohort, writes the results of all."""
         assert isinstance(job, CohortJob)
         for key in job.keys:
             self._add(key, read_lives(finished_file(self.directory, key), job.experiment, key))
@@ -314,7 +314,7 @@ class UnfinishedRun:
         """Adds a finished cohort.
 
         Raises:
-          InputError: its agent keeps other weights than that of an earlier cohort.
+          InputError: its agent has weights of another kind than that of an earlier cohort.
         """
         earlier = next((one for k, one in self.lives.items() if k.condition == key.condition), None)
         if earlier is not None:

@@ -23,16 +23,16 @@ except ModuleNotFoundError as error:
 
 
 class TensorBoardLog:
-    """Scalars `contact` or `in_spot`: the mean share of each simulated minute, from minute 1."""
+    """Log of `contact`, `in_spot` or `at_goal`: mean share of each simulated minute, from 1."""
 
     def __init__(self, run: UnfinishedRun, every: float) -> None:
-        """Takes a run that has begun, and the wall-clock seconds between two updates."""
+        """Takes a run that has begun, and wall-clock seconds between updates, `every`."""
         self._run, self._every, self._updated = run, every, time.monotonic()
         self._written = dict.fromkeys(run.plan.robots, 0)  # minutes of each condition
         self._writers: dict[Condition, SummaryWriter] = {}
 
     def update(self, now: bool = False) -> None:
-        """Writes new minutes, now or where it is time; a failure ends the log, not the run."""
+        """Writes new minutes if an update is due, or `now`; a failure ends the log, not the run."""
         if not now and time.monotonic() - self._updated < self._every:
             return
         self._updated = time.monotonic()

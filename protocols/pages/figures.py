@@ -1,4 +1,4 @@
-"""Figures of populations: learning curves, categories, Learn Ability, and what the robots do."""
+"""Figures of populations: learning curves, categories, Learn Ability, and behaviour."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def learning_curves(run: Run) -> Figure:
 def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> None:
     """Draws the curve of n robots from their shares of each of M minutes, shape (n, M).
 
-    No point mixes minutes of a test and of training.
+    No point averages minutes of both a test and training.
     """
     minutes = curves.shape[1]
     steps = life.steps_of_minutes()[:minutes]
@@ -91,7 +91,7 @@ def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
 
 
 def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]]) -> None:
-    """Draws a legend below a figure, from the properties of the line of each name."""
+    """Draws a legend below a figure: each name with a line that has its properties."""
     handles = [Line2D([], [], label=name, **{"color": INK, **own}) for name, own in styles.items()]
     where = "outside lower center"
     figure.legend(handles=handles, loc=where, ncols=3, frameon=False, fontsize=8)
@@ -103,7 +103,7 @@ def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]]) -> None:
 def categories(run: Run) -> Figure | None:
     """Draws the share of the robots in each category, ours above the paper's unless ours are few.
 
-    None without tests.
+    Returns None for lives without tests.
     """
     bars: dict[str, list[tuple[str, str, Summary]]] = {}
     for condition in run.conditions():
@@ -151,9 +151,9 @@ def _stacks(axis: Axes, life: Life, rows: list[tuple[str, str, Summary]]) -> Non
 
 
 def abilities(run: Run) -> Figure | None:
-    """Draws how L is distributed among the measured robots, with L = -1 and L = 1 apart.
+    """Draws the distribution of L over the robots that have it, with bars for L = -1 and L = 1.
 
-    None without tests.
+    Returns None for lives without tests.
     """
     tasks = [task for task in run.tasks() if run.experiment.life_of(task).tested]
     if not tasks:

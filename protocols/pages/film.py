@@ -45,12 +45,11 @@ _ENCODERS = {
 def film(
     episodes: Sequence[Episode | Relived], output: Path, *, seconds: float, speed: float
 ) -> None:
-    """Films episodes from their starts, until an end or a last stable step at the latest.
+    """Films episodes from their starts, at most until one ends or becomes unstable.
 
     The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
-    Several episodes of one task stand side by side.
-    `speed` is the simulated seconds per second of it. An existing file is replaced when the film
-    is complete.
+    It shows several episodes of one task side by side. `speed` is the simulated seconds per second
+    of the film. An existing file is replaced when the film is complete.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
@@ -91,9 +90,9 @@ def shots_at(
 ) -> Iterator[tuple[Moment, Trail]]:
     """Yields what the frame at each time shows; poses are interpolated between control steps.
 
-    Everything else is that of one instant, the control step before. The frames end at the first
-    time after the last moment, from which on nothing was simulated. `times` are in [s], ascending;
-    `speed` is the simulated seconds per second of the film.
+    All but the pose is that of the control step before. If the simulation has become unstable, the
+    frames end at its last moment. `times` are in [s], ascending; `speed` is the simulated seconds
+    per second of the film.
     """
     past = [next(moments)]
     for time in times:
@@ -129,8 +128,8 @@ def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed
 def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     """Writes frames into a film; an existing file is replaced when the film is complete.
 
-    Frames are pixels, uint8, shape (height, width, 3), with even height and width. `count` is their
-    number, at most, for the display of progress; the actual number is returned.
+    Frames are pixels, uint8, shape (height, width, 3), with even height and width. `count` is the
+    largest number of frames, for the display of progress; the actual number is returned.
 
     Raises:
       OSError: the film could not be written completely; the partial film is deleted.

@@ -28,8 +28,8 @@ _STATED_APART = ("seed", "cohort_size", "time_scale", "life")
 def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
     """Returns the lines of a table from the cells of its rows, the head first.
 
-    `align` has a letter for each column: l for left, r for right. Empty aligns the first column
-    left and all others right.
+    `align` has a letter for each column: l for left, r for right. By default, the first column is
+    aligned left, and all others are aligned right.
     """
     align = align or "l" + "r" * (len(rows[0]) - 1)
     rule = ["---:" if letter == "r" else "---" for letter in align]
@@ -37,7 +37,7 @@ def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
 
 
 def escape(text: str) -> str:
-    """Returns Markdown that shows a text, such as a folder's name, as it is, in a table too."""
+    """Returns Markdown that shows a text, such as a folder's name, as it is, also in a table."""
     return re.sub(r"([\\`*\[\]|])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
@@ -72,7 +72,7 @@ def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
 
 
 def title(task: str, experiment: Experiment, *others: Experiment) -> str:
-    """Returns the title of a task's table, with the non-default fields that all its runs share."""
+    """Returns the title of a task's table, with non-default fields that all experiments share."""
     name = TITLES.get(task) or experiment.life_of(task).title
     theirs = [particulars(other) for other in others]
     facts = [fact for fact in particulars(experiment) if all(fact in other for other in theirs)]
@@ -94,7 +94,7 @@ def particulars(experiment: Experiment) -> list[str]:
 
 
 def field_text(name: str, value: Any) -> str:
-    """Returns the value of an experiment's field as text, that of a motor speed with its unit."""
+    """Returns the value of an experiment's field as text; a motor speed has its unit."""
     if isinstance(value, tuple):
         return " ".join(map(str, value)) or "none"  # as on the command line
     return f"{value:g} m/s" if name == "motor_speed" and value is not None else str(value)

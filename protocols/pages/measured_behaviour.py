@@ -40,7 +40,7 @@ def observe(run: Run) -> Behaviour:
 
 
 def finders(run: Run, condition: Condition) -> list[int]:
-    """Returns the first rows of robots that spent at least a tenth of training in the spot."""
+    """Returns up to `SAMPLE` rows of robots that spent a tenth of training in the spot, or more."""
     minutes = run.experiment.life_of(condition.task).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
@@ -49,8 +49,8 @@ def finders(run: Run, condition: Condition) -> list[int]:
 def from_the_rim(run: Run, condition: Condition, rows: list[int]) -> tuple[Track, float]:
     """Places untrained robots with their nose at the rim of the spot and lets them learn.
 
-    Returns the track of these rows of a condition over `STAY_MINUTES`, and the radius of the spot
-    in [m].
+    Returns the track of the robots in these rows of a condition, `STAY_MINUTES` long (times the
+    run's time scale), and the radius of the spot in [m].
     """
     agent = stored_brains(run, condition, [(row, "before") for row in rows])
     batch = run.experiment.batch(condition.task, len(rows))

@@ -22,12 +22,12 @@ _MOST_GEOMS = 4000  # in the scene
 class Canvas:
     """Renders a model through one of its cameras.
 
-    `renderer` is OpenGL's name; "llvmpipe" renders on the CPU. Geoms can be added to MuJoCo's
-    `scene` between `look` and `pixels`.
+    `renderer` is OpenGL's name of the renderer; "llvmpipe" is on the CPU. Between `look` and
+    `pixels`, geoms can be added to MuJoCo's `scene`.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
-        """Opens EGL for images of some pixels by one of the model's cameras, given by its name.
+        """Opens EGL for images of `width` x `height` pixels by the model's camera of this name.
 
         Raises:
           InputError: there is no EGL.
@@ -77,7 +77,7 @@ class Canvas:
 
 
 def probe() -> None:
-    """Renders an image, and prints the renderer."""
+    """Renders an image, and prints the name of the renderer."""
     model = arena_spec().compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)

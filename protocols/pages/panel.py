@@ -36,7 +36,7 @@ class Panel:
     """Draws the frame: a header above the scene and a panel of instruments to its right."""
 
     def __init__(self, episode: Episode | Relived, speed: float, seconds: float) -> None:
-        """Draws the parts of an episode's frames that are the same in all.
+        """Draws the parts that all frames of an episode share.
 
         `speed` is the simulated seconds per second of the film, and `seconds` its simulated
         duration in [s].
@@ -62,8 +62,8 @@ class Panel:
     def frame(self, image: np.ndarray, shot: Moment) -> np.ndarray:
         """Returns a frame, uint8, shape (HEIGHT, WIDTH, 3), around an image of the scene.
 
-        The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment;
-        the timeline shows the events up to it, also those between this call and the one before.
+        The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment
+        `shot`; the timeline shows all events up to it, also those between two calls.
         """
         begun, now = (
             _LEFT + (_RIGHT - _LEFT) * min(time / self._seconds, 1)
@@ -108,7 +108,7 @@ class Panel:
     def _gauge(
         self, draw: ImageDraw.ImageDraw, y: int, name: str, value: float, limit: float | None
     ) -> int:
-        """Draws a value in [0, 1], or in [-limit, limit] with zero in the middle, as `_heading`."""
+        """Draws a value in [0, 1], or [-limit, limit] around 0; returns the height below it."""
         left, right = _LEFT + 52, WIDTH - 70
         text = f"{value:.3f}" if limit is None else f"{value:+.2f}"
         draw.text((_LEFT, y), name, _INK, self._text, "lm")

@@ -1,4 +1,4 @@
-"""Puts stored brains and policies back into robots: one in an episode, or many in a batch.
+"""Simulates robots with stored brains or policies: one in an episode, or many in a batch.
 
 A run does not store the random streams of its robots. Their motion therefore differs from that in
 the run, unless nothing is random.
@@ -66,7 +66,7 @@ class Moment:
 
     @classmethod
     def of(cls, batch: Robots, row: int, step: int, event: bool, events: int) -> Moment:
-        """Returns the moment of a robot of a batch, whose motor values are not known yet."""
+        """Returns the moment of a batch's robot `row`, with motor values of 0, not known yet."""
         sensed = batch.sensordata[row].copy()
         return cls(
             step * CONTROL_TIMESTEP,
@@ -145,12 +145,12 @@ class Episode:
 
 
 def policy_act(policies: Policies, robot: int, phase: str) -> Act:
-    """Returns how one policy acts before or after training; raises InputError if there is none."""
+    """Returns the action function of a policy in a `phase`; raises InputError if there is none."""
     return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
 
 
 def _when(phase: str, seed: int = SEED) -> When:
-    """Returns which stored brain drives in a test; raises InputError for an invalid value."""
+    """Returns which stored brain drives in a test ("pre", "post"); raises InputError for others."""
     check_name("phase", phase, BRAINS_OF_TESTS)
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
@@ -225,9 +225,9 @@ class StoredRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Relived:
-    """A robot of a run in its life, which is simulated again with all its cohort.
+    """A robot of a run in its life, which is simulated again with its whole cohort.
 
-    Like an `Episode`, which cannot learn, it can be filmed.
+    Its life can be filmed like an `Episode`, in which nothing is learned.
     """
 
     cohort: Cohort
@@ -238,8 +238,8 @@ class Relived:
         """Simulates a life up to a minute of it.
 
         Raises:
-          InputError: there is no such robot, no such minute, its agent is not trusted, the robot
-            has other dimensions than the one that is drawn, or it lived on another device.
+          InputError: there is no such robot or minute, the agent is not trusted, the robot has
+            other dimensions than the one that is drawn, or it lived on a GPU or in MuJoCo Warp.
         """
         StoredRobot(run, condition, robot, "post").row()
         experiment = run.experiment
@@ -259,12 +259,12 @@ class Relived:
 
     @property
     def task(self) -> str:
-        """The task, of the domain "arena"."""
+        """Name of the task, in the domain "arena"."""
         return self.cohort.experiment.life_of(self.cohort.key.condition.task).task
 
     @property
     def driver(self) -> str:
-        """Who drives, in a few words."""
+        """Name of the driver, in a few words."""
         return _driver(self.cohort.key.condition, self.robot)
 
     @property
@@ -284,7 +284,7 @@ class Relived:
 
     @property
     def seconds(self) -> float:
-        """What is left of the life, in simulated seconds."""
+        """Rest of the life, in simulated seconds."""
         return (self.cohort.steps - self.cohort.step) * CONTROL_TIMESTEP
 
     def moments(self) -> Iterator[Moment]:
@@ -318,9 +318,9 @@ def _driver(condition: Condition, robot: int) -> str:
 
 
 def robots_named(task: str, proposer: str | None, agent: str | None) -> Condition:
-    """Returns the condition of the robots that a command names, creative ones by default.
+    """Returns the condition of the robots that a command names; creative ones by default.
 
-    The code of a user's agent, named as `musebot run --agent` takes it, is then trusted.
+    From then on, the code of a user's agent, named as in `musebot run --agent`, is trusted.
 
     Raises:
       InputError: a name is unknown, or both are given.
@@ -340,7 +340,7 @@ def robots_named(task: str, proposer: str | None, agent: str | None) -> Conditio
 def stored_brains(
     run: Run, condition: Condition, which: Sequence[tuple[int, When]], seed: int = SEED
 ) -> Agent:
-    """Returns stored brains, or agents with stored weights, of a condition as one batch.
+    """Returns a condition's brains, or agents, with stored weights, as one batch.
 
     `which` holds, for each robot, its row within the condition, and whether it has the weights
     "before" or "after" training. `seed` is that of the batch's random stream.
@@ -384,8 +384,8 @@ def watch(
 ) -> Track:
     """Simulates robots from their current poses, shows the progress, and records their track.
 
-    The robots, B of them, have been placed. `learning` is whether they learn and explore, `what`
-    describes them in the progress.
+    The B robots have been placed. `learning` is whether they learn and explore; `what` describes
+    them in the display of progress.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)

@@ -39,10 +39,10 @@ _FILM_SPEEDS = {True: 60.0, False: 6.0}  # by `Life.wanted`
 
 
 def report(run: Run, out: Path, output: Path | None) -> Path:
-    """Writes the figures into OUT/figures/, the page, and missing films if they can be rendered.
+    """Writes a run's figures, page, and missing films if they can be rendered.
 
-    `out` is the folder of the run; the page is `output`, an .html, or `report.html` in `out`. Its
-    path is returned.
+    `out` is the run's folder; figures are in OUT/figures/. The page is `output`, an .html file, or
+    `report.html` in `out` if that is None. Its path is returned.
 
     Raises:
       InputError: a path cannot be written, or another process writes the report; no file was
@@ -79,7 +79,7 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
 
 
 def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | None]]:
-    """Yields the names of the figures' files and the figures; None if there is nothing to show."""
+    """Yields the name of each figure's file and the figure, or None if it would be empty."""
     yield "learning_curves", figures.learning_curves(run)
     yield "categories", figures.categories(run)
     yield "learn_ability", figures.abilities(run)
@@ -95,7 +95,7 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
 def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
     """Films each task's example robot before and after its life, unless the folder has the film.
 
-    Returns the captions by the names of the films, and which robots cannot be filmed.
+    Returns captions by the films' names, and a sentence about robots that cannot be filmed.
     """
     captions: dict[str, str] = {}
     missing: list[str] = []
@@ -126,7 +126,7 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
 
 
 def _kept(folder: Path) -> list[Path]:
-    """Returns the films of a folder, without links, which could lead to any file."""
+    """Returns the films of a folder; links are left out, since they could lead to any file."""
     found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
     kept = (path for path in found if path.is_file() and not path.is_symlink())
     return sorted(kept)
@@ -181,7 +181,7 @@ def _uri(path: Path, kind: str) -> str:
 
 
 def _summary(run: Run) -> str:
-    """Returns what the creative robots achieved, or the first others, in one sentence."""
+    """Returns a sentence on what creative robots achieved, or those of the first proposer."""
     found = []
     for task in run.tasks():
         life, proposers = run.experiment.life_of(task), run.proposers(task)
@@ -200,7 +200,7 @@ def _summary(run: Run) -> str:
 
 
 def _percent(share: float) -> str:
-    """Returns a share with two digits; whole per cent from 10 on."""
+    """Returns a share in per cent, with two digits; as a whole number from 10 % on."""
     return f"{100 * share:.0f} %" if share >= 0.095 else f"{100 * share:.2g} %"
 
 

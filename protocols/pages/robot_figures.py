@@ -1,6 +1,6 @@
 """Figures of single robots: examples before and after training.
 
-What was measured chooses the robots; stored brains are put back into them.
+The robots are chosen by their measurements, and simulated with their stored brains.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Example(NamedTuple):
 
 
 def examples(run: Run, task: str) -> list[Example]:
-    """Returns an unmeasured robot, and the robots that gained and lost most in training.
+    """Returns a genius (or an ignorant), and the robots that gained and lost most in training.
 
     They are creative if the run has creative robots. The gain is the change of the time in contact
     (or in the spot) from the test before training to the test after it, positive for an
@@ -66,7 +66,7 @@ def examples(run: Run, task: str) -> list[Example]:
 
 
 def favourite(run: Run, task: str) -> Example | None:
-    """Returns the learner; the first example if there is no learner; None without examples."""
+    """Returns the example "learner", or else the first example; None if there are none."""
     found = examples(run, task)
     return next((one for one in found if one.kind == "learner"), found[0] if found else None)
 
@@ -108,7 +108,7 @@ def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index:
 
 
 def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
-    """Draws a robot's path from a ring to a dot; violet where the event happens."""
+    """Draws a robot's path from a ring to a dot; violet in contact (or in the spot)."""
     points, events = track.poses[:, index, :2], track.events[:, index]
     for drawn, paint, thick in ((~events, shade, 0.9), (events, EVENT, 1.2)):
         # A step is drawn if either of its ends is; NaN interrupts the line.
@@ -158,8 +158,8 @@ def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
 def values(run: Run, task: str) -> Figure | None:
     """Draws all actions' values and the ideas in three situations, before and after training.
 
-    The robot is the `favourite`; None without one. In each panel, the colours span the range of its
-    values, dots are the ideas of one step, and a ring marks the chosen idea.
+    The robot is the `favourite`; without one, None is returned. In each panel, the colours span the
+    range of its values, dots are the ideas of one step, and a ring marks the chosen idea.
     """
     example = favourite(run, task)
     if example is None:

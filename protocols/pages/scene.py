@@ -38,7 +38,7 @@ class Scene:
     """Draws the arena of a task, or one of other dimensions, with the robot's trail and signals."""
 
     def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
-        """Compiles the arena; raises InputError where there is no EGL."""
+        """Compiles the arena; raises InputError if there is no EGL."""
         spec = TASKS[task].spec()
         if dimensions and dimensions.nose == 0:
             centre_nose(spec)
@@ -148,7 +148,7 @@ class Scene:
         colour: Colour,
         alpha: float,
     ) -> mujoco.MjvGeom | None:
-        """Adds a geom to the scene and returns it; None where the scene is full."""
+        """Adds a geom to the scene and returns it; None if the scene is full."""
         scene = self._canvas.scene
         if scene.ngeom >= scene.maxgeom:
             return None

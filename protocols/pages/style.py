@@ -58,8 +58,8 @@ def colour(proposer: str) -> str:
 def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Returns a different colour and style of lines for each proposer or agent of a run, by name.
 
-    Agents share a few distinguishable colours: each further round of them has one more dot between
-    its dashes. So an agent's look depends on its place among the names.
+    Agents share a few distinguishable colours: whenever all are used, the next lines have one more
+    dot between their dashes. So an agent's look depends on its place among the names.
     """
     found = {}
     for name in dict.fromkeys(names):
@@ -72,7 +72,7 @@ def looks(names: Iterable[str]) -> dict[str, dict[str, Any]]:
 
 
 def styled() -> Any:
-    """Returns a context of our style, whatever a matplotlibrc says: draw and save figures in it."""
+    """Returns a context to draw and save figures in our style, whatever a matplotlibrc says."""
     return matplotlib.style.context(_STYLE, after_reset=True)
 
 
@@ -83,9 +83,9 @@ def canvas(height: float, rows: int, columns: int, **options: Any) -> tuple[Figu
 
 
 def save(figure: Figure, folder: Path, name: str) -> None:
-    """Writes a figure in every format; raises OSError where a file cannot be written.
+    """Writes a figure in every format; raises OSError if a file cannot be written.
 
-    An existing file then stays as it was.
+    In this case, an existing file stays as it was.
     """
     for suffix in FORMATS:
         buffer, metadata = io.BytesIO(), {"Date": None} if suffix == "svg" else None
@@ -94,6 +94,6 @@ def save(figure: Figure, folder: Path, name: str) -> None:
 
 
 def in_per_cent(axis: Axes, top: float | None = None) -> None:
-    """Labels shares along y with per cent, from 0 up to `top`, or as high as what is drawn."""
+    """Labels the y axis of shares in per cent; it ends at 0 and `top`, or the highest value."""
     axis.set_ylim(0, top)
     axis.yaxis.set_major_formatter(PercentFormatter(1))

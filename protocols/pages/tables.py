@@ -52,7 +52,7 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
     """Returns the tables of a run, and the verdicts on the claims that it can test.
 
     `behaviour` is None if the robots were not observed. With `narrow`, each proposer or agent has a
-    table of its own, as wide as a telephone.
+    table of its own, as narrow as a telephone's screen.
     """
     parts = [f"{_TOO_FEW}\n"] if run.few else []
     for task in run.tasks():
@@ -77,7 +77,7 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
 
 
 def _shares_of_life(run: Run, task: str) -> list[list[str]]:
-    """Returns the rows of a life without tests: who, robots, and their share of the time."""
+    """Returns the rows of a life without tests: proposer, robots, share of the time."""
     rows = [["", "robots", f"share of time {run.experiment.life_of(task).event}"]]
     for proposer in run.proposers(task):
         shares = run.life_shares(Condition(task, proposer))
@@ -89,12 +89,12 @@ def _shares_of_life(run: Run, task: str) -> list[list[str]]:
 
 
 def _form(run: Run, usual: str) -> str:
-    """Returns the format of a number: two digits for few robots."""
+    """Returns the format of a number: `usual`, or two digits for a run with few robots."""
     return ".2g" if run.few else usual
 
 
 def _columns(run: Run, condition: Condition) -> list[list[str]]:
-    """Returns a condition's column, and the paper's if it has one: the head and the cells."""
+    """Returns a condition's column, head and cells, and the paper's column if there is one."""
     ours, paper = column(run, condition), paper_column(run.experiment, condition)
     name = short_name(condition.proposer)
     if run.few:
@@ -110,7 +110,7 @@ def _columns(run: Run, condition: Condition) -> list[list[str]]:
 
 
 def _cells(column: Column, form: str = ".4f", ends: str = ".3f") -> list[str]:
-    """Returns the cells of a column, in the order of `row_names`; numbers have these formats."""
+    """Returns a column's cells as in `row_names`; `form` is of values, `ends` of intervals."""
     summary = column.summary
     invalid = f" (and {summary.invalid} invalid)" if summary.invalid else ""
     shares = zip(summary.counts, summary.shares, column.shares, strict=True)
@@ -123,7 +123,7 @@ def _cells(column: Column, form: str = ".4f", ends: str = ".3f") -> list[str]:
 
 
 def _variation(first: Column, second: Column) -> tuple[float, float]:
-    """Returns the total variation of two columns, and its 95th percentile by chance, or NaN."""
+    """Returns the total variation of two columns, and its 95th percentile by chance; or NaNs."""
     if not first.summary.robots:
         return math.nan, math.nan
     summaries = first.summary, second.summary
@@ -131,7 +131,7 @@ def _variation(first: Column, second: Column) -> tuple[float, float]:
 
 
 def _joint_tests(run: Run) -> dict[str, float]:
-    """Returns p of the joint test of each table, and of both; empty without the paper's columns."""
+    """Returns p of a joint test of each table, and of both; empty without columns of the paper."""
     found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
     for condition in run.conditions():
         ours, paper = run.summary(condition), paper_column(run.experiment, condition)
@@ -147,7 +147,7 @@ def _joint_tests(run: Run) -> dict[str, float]:
 def as_json(run: Run) -> dict[str, Any]:
     """Returns the tables of a run and of the paper, and the claims, as data; None for NaN.
 
-    Of few robots nothing is tested or compared with the paper, as in the text.
+    Few robots are neither tested nor compared with the paper, as in `markdown`.
     """
     found: dict[str, Any] = {}
     for condition in run.conditions():
@@ -226,7 +226,7 @@ def _claims(experiment: Experiment, results: Sequence[ClaimResult]) -> str:
 
 
 def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> str:
-    """Returns how two runs differ, with their cells as `comparison.compare_runs` returns them."""
+    """Returns how two runs differ; `cells` are those that `comparison.compare_runs` returns."""
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
     lines = [f"**{names[0]}** compared with **{names[1]}**. {_differ_in(ours, other)}", ""]

@@ -71,7 +71,7 @@ class Driver:
 def explore(task: str, driver: Driver | None = None) -> None:
     """Opens a window on a task of the domain "arena"; without a driver, motors are random.
 
-    Backspace starts again with random places of robot and spot.
+    The key Backspace starts again, with random places of robot and spot.
 
     Raises:
       InputError: there is no such task, or no display.
@@ -117,7 +117,7 @@ def random_motors(seed: int, steps: int = 10) -> Policy:
 class ArrowKeys:
     """A policy by arrow keys: while they are held, up and down drive, left and right turn.
 
-    In a paused window the right arrow, the viewer's key for a single step, simulates one.
+    In a paused window, the right arrow, the viewer's key for a single step, simulates one.
     """
 
     def __init__(self) -> None:

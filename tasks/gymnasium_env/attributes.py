@@ -32,7 +32,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     @np_random.setter
     def np_random(self, streams: Sequence[np.random.Generator]) -> None:
-        """Replaces the robots' random streams, whose seeds then are -1, as Gymnasium's are."""
+        """Replaces the robots' random streams; their seeds become -1, as in Gymnasium."""
         found = [*streams] if isinstance(streams, list | tuple) else []
         if [*map(type, found)] != [np.random.Generator] * self.num_envs:
             raise ValueError(f"np_random must be {self.num_envs} generators, one for each robot")
@@ -40,7 +40,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Options of all further episodes; those of `reset` replace them for its own."""
+        """Options of all further episodes; those given to `reset` replace them for that episode."""
         return self._options
 
     @options.setter
@@ -87,7 +87,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Sets `options`, which are the same for all robots, or the robots' `np_random`.
 
-        Raises AttributeError for another attribute, and what its setter raises.
+        Raises AttributeError for any other attribute, and what the setters of these two raise.
         """
         if name not in SETTABLE:
             raise AttributeError(f"robots of a batch can be given {SETTABLE}, got {name!r}")

@@ -38,10 +38,10 @@ def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymn
 
 
 def task_name(task: Any) -> str:
-    """Returns the name of a task, given as its name or Gymnasium id, perhaps as MODULE:NAME.
+    """Returns the name of a task, given as its name, its Gymnasium id or MODULE:NAME.
 
     The module is imported in a process that does not know the task. Raises ImportError where there
-    is none, ValueError where there is no such task.
+    is no such module, ValueError where there is no such task.
     """
     module, _, name = task.rpartition(":") if isinstance(task, str) else ("", "", task)
     if module or name != task:
@@ -82,14 +82,14 @@ def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
 
 
 def life_info(episode: Episode, step: int, reached: Any) -> dict[str, Any]:
-    """Returns the entries of `LIFE_INFO` after so many steps of a life."""
+    """Returns the entries of `LIFE_INFO` after `step` control steps of a life."""
     leg = episode.leg_of(step)
     changed = leg.changes_world and leg.start == step
     return {"phase": leg.number, "changed": changed, "reached": reached}
 
 
 def check_render_mode(render_mode: Any, modes: Sequence[str]) -> None:
-    """Raises ValueError unless a mode is None or one of those."""
+    """Raises ValueError unless `render_mode` is None or one of `modes`."""
     if render_mode not in (None, *modes):
         raise ValueError(f"render_mode must be one of {list(modes)} or None, got {render_mode!r}")
 
@@ -107,7 +107,7 @@ def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> d
 
 
 def shared_options(options: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Returns the options of all robots, given for each; ValueError where they differ."""
+    """Returns the options that all robots share; ValueError where theirs differ."""
     first, *others = (one or {} for one in options)
     for other in others:
         equal = (np.array_equal(value, other[name]) for name, value in first.items())

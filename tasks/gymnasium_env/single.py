@@ -78,7 +78,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def options(self) -> Mapping[str, Any]:
-        """Options of all further episodes; those of `reset` replace them for its own."""
+        """Options of all further episodes; those given to `reset` replace them for that episode."""
         return self._options
 
     @options.setter
@@ -103,11 +103,11 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Starts an episode, also after `close`: Stable-Baselines3's checker needs it.
+        """Starts an episode, even after `close`, as Stable-Baselines3's checker requires.
 
         Args:
-          seed: Seed of the random stream; None continues it.
-          options: Places `robot` and `spot` in this episode; None for those of the task.
+          seed: Seed of the random stream; None continues the stream.
+          options: Places `robot` and `spot` for this episode; None for those of the task.
 
         Returns the observation, shape (S,), and the entries of `INFO`. Raises TypeError for an
         unknown option, ValueError for a place outside the arena or inside an obstacle.
@@ -196,7 +196,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return {**self.__dict__, "mujoco_renderer": None}
 
     def _info(self, steps: int) -> dict[str, Any]:
-        """Returns the entries of `INFO`, after so many further control steps (0 or 1)."""
+        """Returns the entries of `INFO`, after `steps` further control steps (0 or 1)."""
         physics = self._environment.physics
         # Scalars of Python: a few small arrays would cost as much as a tenth of the step.
         x, y, _, w, i, j, k = physics.qpos.tolist()[:7]

@@ -48,7 +48,7 @@ _Timestep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]
 class ArenaVectorEnv(RobotAttributes):
     """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
 
-    With `backend="warp"` they are equal up to rounding in single precision.
+    With `backend="warp"`, they are equal up to rounding in single precision.
 
     Actions beyond the limits are clipped; an action that is not finite raises ValueError.
     """
@@ -232,7 +232,7 @@ class ArenaVectorEnv(RobotAttributes):
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
     def _check_sound(self, sound: Any) -> None:
-        """Raises PhysicsError unless all robots are sound, Booleans of shape (B,)."""
+        """Raises PhysicsError unless `sound`, Booleans of shape (B,), is True for all robots."""
         if not sound.all():
             self._lifecycle.become("failed")
             broken = np.flatnonzero(~sound).tolist()

@@ -24,8 +24,8 @@ def capture(work: Work, device: torch.device, generator: torch.Generator | None 
     """Captures work as a CUDA graph, without doing it, and returns a function that does it.
 
     Args:
-      work: Function that was called before. It changes tensors in place, and reads no number of
-        them on the host.
+      work: Function that must have been called before. It changes tensors in place, and reads none
+        of their numbers on the host.
       device: CUDA device of the tensors.
       generator: Random stream from which the work draws; a replay continues it.
     """
@@ -39,7 +39,7 @@ def capture(work: Work, device: torch.device, generator: torch.Generator | None 
 
 
 class Captured:
-    """Work that is done directly twice, and replayed from then on, where its device can do that."""
+    """Work that is done directly twice; later calls replay it on a device that can capture it."""
 
     def __init__(
         self, work: Work, device: torch.device, generator: torch.Generator | None = None

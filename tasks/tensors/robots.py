@@ -19,7 +19,7 @@ class TensorRobots(Robots):
     """The robots of a batch on the host, as tensors on the default device.
 
     `step` takes motors as a tensor of shape (B, 2), and `sensordata` and `valid` are tensors. A
-    step copies nothing between the device and the host, and waits for no number. Placements, states
+    step copies nothing between the device and the host, and waits for neither. Placements, states
     and checkpoints are arrays of NumPy, as of other batches; the batch on the host makes them.
     """
 
@@ -85,7 +85,7 @@ class TensorRobots(Robots):
         self._send()
 
     def _commanded(self) -> Tensor:
-        """Returns motor values to follow, (B, 2); invalidates robots whose are not finite."""
+        """Returns motor values to follow, (B, 2); a NaN or infinite value makes a robot invalid."""
         motors = self._given
         self.valid &= motors.isfinite().all(dim=1)
         return motors.masked_fill(~self.valid[:, None], 0.0).clamp(-0.5, 0.5)
@@ -93,8 +93,8 @@ class TensorRobots(Robots):
     def _unsound(self, places: Tensor) -> Tensor:
         """Invalidates robots out of bounds, and makes all invalid robots sense zeros.
 
-        From the first n <= 6 numbers of qpos, shape (B, n), to which robots are out of bounds or
-        have sensors that are not finite, shape (B,).
+        `places` has the first n <= 6 numbers of qpos, shape (B, n). Returns which robots are out of
+        bounds or have a sensor that is not finite, shape (B,).
         """
         sound = (places.abs() < self._bounds[: places.shape[1]]).all(dim=1)
         sound &= self.sensordata.isfinite().all(dim=1)
@@ -151,7 +151,7 @@ class Part(Robots):
     """The robots in the `rows` of a larger batch, `whole`, which takes their steps."""
 
     def __init__(self, whole: TensorRobots, first: int, robots: int) -> None:
-        """Takes robots first to first + robots - 1 of a batch."""
+        """Takes the robots from number `first` to `first + robots - 1` of a larger batch."""
         super().__init__(robots, whole.rules, whole.dimensions, whole.sensordata.shape[1])
         self.whole = whole
         self.rows = slice(first, first + robots)

@@ -44,7 +44,7 @@ class WarpEngine:
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:
         """Moves a compiled arena to the device, for B robots.
 
-        Kernels are compiled here, the first time for a minute; they are kept on the disk.
+        Kernels are compiled here, which takes a minute the first time; they are kept on the disk.
         """
         self.device = torch.get_default_device()
         # Warp starts without its greeting, and without its warning that there is no GPU.
@@ -94,7 +94,7 @@ class WarpEngine:
         self._spots[:, 0].copy_(control[:, nu:])
 
     def run(self) -> None:
-        """Launches the kernels of all substeps, on a GPU on PyTorch's stream."""
+        """Launches the kernels of all substeps; on a GPU, on PyTorch's stream."""
         if not self._wp_device.is_cuda:
             wp.capture_launch(self._graph)
             return

@@ -1,1 +1,1 @@
-"""Online learners from the literature, to compare the paper's robots with; one a module."""
+"""Online learners from the literature, with which the paper's robots are compared."""

@@ -1,4 +1,4 @@
-"""Amortised Q-learning: the closest modern relative of the creative memory."""
+"""Amortised Q-learning: a learned proposer, the closest relative of the creative memory."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from .networks import LayeredNetworks, column
 class AmortisedQ(OnlineLearner):
     """Amortised Q-learning (Van de Wiele, Warde-Farley, Mnih, Mnih, arXiv:2001.08116, 2020).
 
-    A second network proposes: each step has `OWN` actions drawn from its distribution and
-    `UNIFORM` uniform ones, and Q-learning takes the best of them for its maximum. The proposer
-    ascends log p(a* | s) + entropy H(p), where a* is the best action (section 3 of the source). Its
-    distribution is a normal one of each motor in units of the largest motor value, clipped. Not
-    used here, in a life in one stream: many actors, replay, a target network. Also different: 25
-    candidates instead of 100 own and 400 uniform ones; smaller networks, with tanh; motors are
-    drawn independently, not one after the other. Candidates are drawn in tests, too, as in the
-    source.
+    The maximum of Q-learning is over 25 candidates: `OWN` actions drawn from the distribution of a
+    second network, the proposer, and `UNIFORM` uniform ones. The proposer ascends
+    log p(a* | s) + entropy H(p), where a* is the best candidate (section 3 of the source). It draws
+    each motor value, as a share of the largest, from a normal distribution and clips it to [-1, 1].
+    Unlike the source, this learner has no parallel actors, no replay and no target network. Other
+    differences: 25 candidates instead of 100 own and 400 uniform ones; smaller networks, with tanh;
+    motors are drawn independently, not one after the other. As in the source, candidates are drawn
+    in tests, too.
     """
 
     OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
@@ -84,7 +84,7 @@ class AmortisedQ(OnlineLearner):
             adam.descend(objective)
 
     def _distribution(self, outputs: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
+        """Returns mean and standard deviation of both motors as shares of 0.5, each (B, 2)."""
         mean, sums = outputs.split(2, dim=-1)
         low, high = self.SPREADS
         return mean.tanh(), low + (high - low) * sums.sigmoid()

@@ -1,4 +1,4 @@
-"""Action Value Gradient: an actor that follows its critic's gradient, one sample at a time."""
+"""Action Value Gradient: an actor that climbs its critic's gradient, one sample at a time."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ _LOG_SPREAD = -20.0, 2.0
 
 
 class AVG(OnlineLearner):
-    """AVG (Vasan, Elsayed, Azimi, He, Shahriar, Bellinger, White and Mahmood, NeurIPS 2024).
+    """Action Value Gradient, AVG (Vasan, Elsayed, Azimi and others, NeurIPS 2024).
 
-    The action is a = tanh(mean + spread * noise). Both networks learn by Adam without momentum:
+    The action is a = tanh(mean + spread * noise), in units of the largest motor value. Both
+    networks learn by Adam without momentum:
 
         critic: descends ((r + discount (Q(s', a') - entropy log p(a' | s')) - Q(s, a)) / sigma)^2
         actor:  ascends Q(s, a) - entropy log p(a | s) through a and its fixed noise
 
-    The last hidden layer is scaled to length 1, signals have mean 0 and variance 1, and sigma is
-    the standard deviation of r - entropy log p(a | s) (return-based scaling, in which a constant
-    discount adds nothing). As published, sigma is 1 as long as the variance is at most 0.01. The
+    The last hidden layer is scaled to length 1, signals to mean 0 and variance 1, and sigma is
+    the standard deviation of r - entropy log p(a | s) (return-based scaling; a constant discount
+    does not change it). As published, sigma is 1 as long as the variance is at most 0.01. The
     action a' is the one that the robot takes; the authors' program draws another. The spread is the
-    exponential of an output; in the authors' program the variance is. In tests the robot acts at
-    tanh(mean).
+    exponential of an output; in the authors' program, the variance is. In tests, the noise is 0.
     """
 
     # Gymnasium's, which the authors use. With none, the first signals would be exactly 0, and with
@@ -100,7 +100,7 @@ def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the action tanh(mean + spread * noise) and its log density, shapes (B, 2) and (B,).
 
     Args:
-      outputs: Means and logarithms of the spreads, shape (B, 4).
+      outputs: Both motors' means, then the logarithms of their spreads, shape (B, 4).
       noise: Standard normal numbers, shape (B, 2).
     """
     mean, log_spread = outputs.split(2, dim=1)
@@ -113,7 +113,7 @@ def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
-    """Replaces weights (B, O, I) by orthogonal ones, as `torch.nn.init.orthogonal_` does."""
+    """Draws orthogonal weights into `weights` (B, O, I), as `torch.nn.init.orthogonal_` does."""
     robots, rows, columns = weights.shape
     tall = torch.randn(robots, max(rows, columns), min(rows, columns), generator=generator)
     q, r = torch.linalg.qr(tall)

@@ -25,45 +25,44 @@ def grid_of_actions() -> Tensor:
 
 
 def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
-    """Returns a probability that falls linearly from 1 to its last value within some steps."""
+    """Returns a probability at step `age` that falls linearly from 1 to `last` in `steps`."""
     left = 1 - age / steps
     return last + (1 - last) * (left.clamp(min=0) if isinstance(left, Tensor) else max(left, 0.0))
 
 
 def epsilon(default: float) -> Setting:
-    """Returns the setting of the probability of a random action in the end."""
+    """Returns the setting `epsilon`: final probability of a random action."""
     says = "probability of a random action after `epsilon_steps`"
     return Setting(default, 0.01, 0.2, says, log=True, each=True)
 
 
 def hidden(published: str = "") -> Setting:
-    """Returns the setting of the size of both hidden layers, with what the source has."""
+    """Returns the setting `hidden`, neurons of each hidden layer; `published` is the source's."""
     says = f"neurons of each of two hidden layers{published and '; '}{published}"
     return Setting(32, 4, 256, says, tuned=False)
 
 
 def epsilon_steps(default: float) -> Setting:
-    """Returns the setting of the steps in which epsilon falls from 1; with 1 it is constant."""
+    """Returns the setting `epsilon_steps`: steps in which epsilon falls from 1."""
     says = "training steps in which epsilon falls from 1; with 1 it is constant"
     return Setting(default, 1.0, 72_000.0, says, log=True, each=True)
 
 
 class OnlineLearner(Agent):
-    """B learners that learn from each transition once, in one life without episodes.
+    """B learners that learn in every step of training, in one life without episodes.
 
-    `Agent.act` receives a state before `Agent.learn` receives the reward of the action before it.
-    So an action is chosen with the weights that have not yet learned from the transition that
-    leads to it, as in the paper's robot.
+    In each step, `Agent.act` is called before `Agent.learn`. So the weights that choose an action
+    have not yet learned from the transition that led to its state, as in the paper's robot.
 
     A subclass registers each tensor that its next steps depend on with `keep`, or with `pair` if
-    it belongs to a step; both then stand in checkpoints.
+    the tensor belongs to a step. Checkpoints contain all registered tensors.
 
     Attributes:
       robots: Number of robots, B.
       inputs: Number I of inputs of a network, one for each signal.
-      generator: Random stream that all robots share.
+      generator: Random stream of all exploration and initial weights, shared by the robots.
       setting: Each setting by name: a number, or, where robots differ, a tensor of shape (B,).
-      discount: Setting `discount`, a number or a tensor of shape (B,).
+      discount: Factor by which rewards count less per step of delay, a number or a tensor (B,).
       now: Tensors of this step by name: "inputs", shape (B, I), and those that `pair` registered.
       before: The same tensors of the previous step.
     """
@@ -71,9 +70,9 @@ class OnlineLearner(Agent):
     def __init__(
         self, robots: int, senses: Senses, seed: int, settings: Mapping[str, Number]
     ) -> None:
-        """Prepares B learners of a random stream.
+        """Prepares B learners with one random stream, which `seed` starts.
 
-        With the settings `epsilon` and `epsilon_steps`, they explore by random actions.
+        With the settings `epsilon` and `epsilon_steps`, learners explore by random actions.
         """
         self.robots, self.inputs = robots, len(senses.state)
         self.generator = torch.Generator().manual_seed(seed)
@@ -98,7 +97,7 @@ class OnlineLearner(Agent):
     def keep(self, name: str, tensor: Tensor, learned: bool = False) -> Tensor:
         """Registers a tensor that changes in place, by its name in checkpoints, and returns it.
 
-        If actions in a test depend on it, it is `learned`: one of `weights`, of shape (B, ...).
+        It must be `learned` if actions in a test depend on it; `weights` then has it, (B, ...).
         """
         self._kept[name] = tensor
         if learned:
@@ -111,7 +110,7 @@ class OnlineLearner(Agent):
             self.keep(f"{name}.{number}", tensor, learned)
 
     def pair(self, name: str, tensor: Tensor) -> None:
-        """Registers a tensor of a step: `now` and `before` each hold one."""
+        """Registers a tensor of a step; `now` holds this step's, `before` the previous one's."""
         self.now[name] = self.keep(f"now.{name}", tensor)
         self.before[name] = self.keep(f"before.{name}", tensor.clone())
 
@@ -122,7 +121,7 @@ class OnlineLearner(Agent):
     def trained(
         self, name: str, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float = 0.9
     ) -> Adam:
-        """Registers networks and what Adam keeps of them; returns the Adam that trains them."""
+        """Registers networks and the state of their Adam optimiser; returns the optimiser."""
         adam = Adam(networks, rate, mean_decay)
         self.keep_list(name, networks.tensors, learned=True)
         self.keep_list(f"{name}.adam", adam.tensors)
@@ -130,11 +129,11 @@ class OnlineLearner(Agent):
 
     @abc.abstractmethod
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """Chooses motor values, shape (B, 2), and notes in `now` what it will learn from.
+        """Chooses motor values, shape (B, 2), and notes in `now` what `update` will need.
 
         Args:
           inputs: Scaled signals, shape (B, I).
-          learning: False in the tests, in which the learner must not explore.
+          learning: Whether the robots are in training; in tests, the learner must not explore.
         """
 
     @abc.abstractmethod
@@ -142,7 +141,7 @@ class OnlineLearner(Agent):
         """Learns from the transition from `before` to `now`, with its reward, shape (B,)."""
 
     def placed_anew(self) -> None:
-        """Forgets traces of earlier steps; called where no step leads to the next one."""
+        """Forgets traces of earlier steps; called when the robots are placed anew."""
 
     def reset(self) -> None:
         self._placed.fill_(True)
@@ -177,14 +176,14 @@ class OnlineLearner(Agent):
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
     def draw_exploratory(self) -> Tensor:
-        """Draws which robots take a random action, shape (B,); once in a step of training."""
+        """Returns which robots take a random action, (B,); called once in each training step."""
         self._age += 1
         epsilon, steps = self.setting["epsilon"], self.setting["epsilon_steps"]
         probability = falling(epsilon, float(self._age), steps)
         return torch.rand(self.robots, generator=self.generator) < probability
 
     def epsilon_greedy(self, best: Tensor, actions: int, learning: bool) -> Tensor:
-        """Returns the index (B,) of the best action, or in training of a random one at times."""
+        """Returns each robot's action (B,): `best`, or, while it explores, a random index."""
         if not learning:
             return best
         uniform = torch.randint(actions, best.shape, generator=self.generator)

@@ -1,4 +1,4 @@
-"""DQN: Q-learning with a replay memory, in the same life."""
+"""DQN: Q-learning with a replay memory, in a life without episodes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class DQN(OnlineLearner):
     """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
 
     Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
-    transitions and learns from `BATCH` of them in each step, drawn evenly, with the Huber loss and
-    a target network that is copied every `COPY` steps. It shows what replay buys in a life; all
-    other learners see each transition once. The source, for games of 50 million frames, has a
-    memory of a million transitions, an update every fourth action after the first 50,000, a copy
-    every 10,000 updates, and RMSProp instead of Adam.
+    transitions and learns from `BATCH` of them in each step, drawn uniformly, with the Huber loss
+    and a target network that is copied every `COPY` steps. It shows how much replay helps in a
+    life; all other learners see each transition once. The source, for 50 million frames of a game,
+    has a memory of a million transitions, an update every fourth action after the first 50,000, a
+    copy every 10,000 updates, and RMSProp instead of Adam.
     """
 
     REPLAY, BATCH, COPY = 50_000, 32, 500
@@ -74,7 +74,7 @@ class DQN(OnlineLearner):
 
 
 class DQNWithoutReplay(DQN):
-    """DQN that learns from each transition once: its memory holds only the last one."""
+    """DQN that learns from each transition once: its memory holds only the last transition."""
 
     REPLAY, BATCH = 1, 1
 

@@ -14,11 +14,12 @@ Hidden = Callable[[Tensor], Tensor]
 
 
 class LayeredNetworks:
-    """B fully connected networks of equal shape; the last layer is linear.
+    """B fully connected networks of equal layer sizes; the last layer is linear.
 
     Attributes:
-      flat: All weights and biases of each robot, shape (B, W); they change in place.
-      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn: views of `flat`.
+      flat: All W weights and biases of each robot, shape (B, W); they change in place.
+      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn, I inputs and O outputs:
+        views of `flat`.
     """
 
     def __init__(
@@ -33,10 +34,10 @@ class LayeredNetworks:
 
         Args:
           robots: Number B of networks.
-          sizes: Numbers of inputs, of neurons of each hidden layer, and of outputs.
-          generator: Random stream of the initial weights.
+          sizes: Number of inputs, then of neurons of each hidden layer, then of outputs.
+          generator: Random stream from which the initial weights are drawn.
           hidden: Activation function of the hidden layers.
-          last_hidden: Activation function of the last hidden layer; None for `hidden`.
+          last_hidden: Activation function of the last hidden layer; None to use `hidden`.
         """
         self._hidden = [hidden] * (len(sizes) - 3) + [last_hidden or hidden]
         self._shapes = [shape for i, o in pairwise(sizes) for shape in ((o, i), (o,))]
@@ -51,7 +52,7 @@ class LayeredNetworks:
         """Evaluates each robot's network.
 
         Args:
-          inputs: Inputs, shape (B, I), or (B, N, I) for N inputs per robot.
+          inputs: One input vector per robot, shape (B, I), or N of them, shape (B, N, I).
           flat: Weights and biases to use, shape (B, W); None for the networks' own.
 
         Returns:
@@ -78,7 +79,7 @@ class LayeredNetworks:
     def differentiated(self, objective: Callable[[Tensor], Tensor]) -> tuple[Tensor, Tensor]:
         """Returns each robot's objective, (B,), and its gradient, (B, W).
 
-        The objective is a function of weights and biases (B, W).
+        The objective is a function of weights and biases, (B, W), that returns a number per robot.
         """
         with torch.enable_grad():
             leaf = self.flat.detach().requires_grad_()
@@ -92,12 +93,12 @@ class LayeredNetworks:
 
 
 def normalised(x: Tensor) -> Tensor:
-    """Returns a layer's sums with mean 0 and variance 1 in each robot, then leaky rectified."""
+    """Normalises a layer's sums to mean 0 and variance 1 per robot, then applies a leaky ReLU."""
     return F.leaky_relu(F.layer_norm(x, x.shape[-1:]))
 
 
 def of_unit_length(x: Tensor) -> Tensor:
-    """Returns leaky rectified sums of a layer, scaled to a vector of length 1."""
+    """Applies a leaky ReLU to a layer's sums, then scales them to a vector of length 1."""
     x = F.leaky_relu(x)
     return x / x.norm(dim=-1, keepdim=True).clamp(min=1e-12)
 
@@ -106,11 +107,11 @@ class Adam:
     """PyTorch's Adam on the weights of B networks, with a learn rate for each robot or for all.
 
     Attributes:
-      tensors: Number of steps and moments, for a checkpoint.
+      tensors: Number of steps so far, and the two moments (B, W): the state for a checkpoint.
     """
 
     def __init__(self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float) -> None:
-        """Begins with empty moments; the mean of the gradients decays by `mean_decay` a step."""
+        """Begins with moments of 0; the mean of gradients decays by `mean_decay` per step."""
         self._networks = networks
         self._flat, self._rate = networks.flat, column(rate)
         self._move = torch.zeros_like(self._flat)  # of learn rate 1
@@ -127,12 +128,12 @@ class Adam:
         self.tensors = [*kept.values()]
 
     def descend(self, cost: Callable[[Tensor], Tensor]) -> None:
-        """Makes a step against the gradient of a cost, see `LayeredNetworks.differentiated`."""
+        """Makes an Adam step down the gradient of a cost; see `LayeredNetworks.differentiated`."""
         self._move.zero_().grad = self._networks.differentiated(cost)[1]
         self._optimizer.step()
         self._flat += self._rate * self._move
 
 
 def column(value: float | Tensor) -> float | Tensor:
-    """Returns a number as it is, and one for each robot, shape (B,), as a column (B, 1)."""
+    """Returns a number as it is, and a tensor of one per robot, (B,), as a column (B, 1)."""
     return value[:, None] if isinstance(value, Tensor) else value

@@ -20,14 +20,14 @@ from .running_moments import Moments
 
 
 class ObGD:
-    """Overshooting-bounded gradient descent with eligibility traces (algorithm 3 of the source).
+    """Overshooting-bounded gradient descent with eligibility traces (Elsayed 2024, algorithm 3).
 
     With a trace z of gradients, z <- discount * trace * z + gradient, the weights move by
 
         step * error * z,   step = rate / max(1, rate * kappa * max(|error|, 1) * sum |z|)
 
-    where the sum is over all weights of a robot. `decay` is discount * trace; it and `kappa` are
-    numbers, or have one for each robot.
+    where the sum is over all weights of a robot. `decay` is discount * trace, with the setting
+    `trace` (lambda). `decay` and `kappa` are numbers or one for each robot, shape (B,).
 
     Attributes:
       traces: Eligibility trace of each weight, shape (B, W).
@@ -44,7 +44,7 @@ class ObGD:
     def step(self, gradient: Tensor, error: Tensor) -> None:
         """Moves weights along their traces, given each robot's TD error (B,).
 
-        The gradient (B, W) is that of what is to increase with a positive error.
+        `gradient` (B, W) is that of the quantity which a positive error increases.
         """
         self.traces.mul_(self._decay).add_(gradient)
         length = self.traces.abs().sum(dim=1)
@@ -52,17 +52,17 @@ class ObGD:
         self._flat += (self.RATE / bound.clamp(min=1) * error)[:, None] * self.traces
 
     def forget(self, robots: Tensor | None = None) -> None:
-        """Empties the traces of the robots for which a mask is true, or of all."""
+        """Sets to 0 the traces of the robots where the mask `robots` is true; None for all."""
         # Numbers of robots: indexing with the mask takes thirty times longer.
         self.traces[slice(None) if robots is None else robots.nonzero()[:, 0]] = 0
 
 
 def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: float = 0.9) -> None:
-    """Sets a share of each neuron's incoming weights to 0 (algorithm 1 of the source).
+    """Sets a share of each neuron's incoming weights to 0 (Elsayed 2024, algorithm 1).
 
-    One weight of each neuron stays. The published rule rounds the number of zeros up, so that a
-    neuron with fewer than ten inputs would have no weight; our robots have one to seven signals.
-    Weights (B, O, I) and biases of the layers alternate; they change in place.
+    At least one weight of each neuron stays. The published rule rounds the number of zeros up: a
+    neuron with fewer than ten inputs would have no weight. Our robots have one to seven signals.
+    In `tensors`, weights (B, O, I) and biases of the layers alternate; they change in place.
     """
     for weights in tensors[::2]:
         fan_in = weights.shape[-1]
@@ -74,11 +74,11 @@ def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: fl
 class StreamLearner(OnlineLearner):
     """A learner whose signals and rewards are normalised by their running moments.
 
-    Algorithms 5 and 6 of the source; like the authors' program, the variance of the discounted sum
-    of rewards is taken about its running mean. The moments are kept in training only, so that tests
-    change nothing. The source's further input, the time of the episode, is 1: a life has no
-    episodes, and robots sense no clock. With one input and biases of 0 a normalised layer would
-    depend on the input's sign only.
+    These are algorithms 5 and 6 of Elsayed (2024). As in the authors' program, the variance of the
+    discounted sum of rewards is about its running mean. The moments are updated in training only,
+    so that tests change nothing. The source has the time in the episode as a further input; it is
+    1 here, since lives have no episodes and robots no clock. With a single input and biases of 0, a
+    normalised layer would depend on the input's sign only.
 
     Attributes:
       features: Number of a network's inputs: the signals and a constant 1.
@@ -99,7 +99,7 @@ class StreamLearner(OnlineLearner):
         self._trace.zero_()
 
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:
-        """Returns the features of this step: signals with mean 0 and variance 1, and 1."""
+        """Returns this step's features: signals normalised to mean 0 and variance 1, and a 1."""
         self.now["features"][:, :-1] = self._signals.standardised(inputs, learning)
         return self.now["features"]
 

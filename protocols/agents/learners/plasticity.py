@@ -1,4 +1,4 @@
-"""Ingredients against the loss of plasticity, each added alone to `dqn_no_replay`."""
+"""Methods against the loss of plasticity, each added alone to `dqn_no_replay`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class ShrinkAndPerturb(DQNWithoutReplay):
 
     Shrink and perturb (Ash and Adams, "On warm-starting neural network training", NeurIPS 2020) in
     the online form of Dohare et al. ("Loss of plasticity in deep continual learning", Nature 632,
-    2024). Without the setting `noise` it is decoupled weight decay (Loshchilov and Hutter,
-    "Decoupled weight decay regularization", ICLR 2019), which is L2 regularisation towards zero
-    where an optimiser does not scale gradients. The decay does not depend on the learn rate.
+    2024). Without the setting `noise`, it is decoupled weight decay (Loshchilov and Hutter,
+    "Decoupled weight decay regularization", ICLR 2019). That equals L2 regularisation if the
+    optimiser does not scale gradients. The decay does not depend on the learn rate.
     """
 
     def update(self, reward: Tensor) -> None:
@@ -35,13 +35,13 @@ class ShrinkAndPerturb(DQNWithoutReplay):
 
 
 class ContinualBackprop(DQNWithoutReplay):
-    """DQN without replay in which the least useful hidden neurons are born again, a few at a time.
+    """DQN without replay that replaces its least useful hidden neurons, a few at a time.
 
     Continual backpropagation (Dohare et al., Nature 632, 2024, Algorithm 1): the utility of a
-    neuron is a running mean of its activation times the sum of its outgoing weights, both
-    absolute. In each hidden layer the share `replaced` of the neurons that are older than `MATURE`
-    steps is replaced in each step: ingoing weights are drawn as those of a newborn, bias and
-    outgoing weights are 0. Adam's moments stay, unlike in the source.
+    neuron is a running mean of its absolute activation times the sum of its absolute outgoing
+    weights. In each step and hidden layer, the share `replaced` of the neurons older than `MATURE`
+    steps is replaced: ingoing weights are drawn as at birth, bias and outgoing weights are 0.
+    Unlike in the source, Adam's moments stay.
     """
 
     MATURE, UTILITY_DECAY = 1000, 0.99
@@ -69,7 +69,7 @@ class ContinualBackprop(DQNWithoutReplay):
                 self._replace(layer, robots, least)
 
     def _replace(self, layer: int, robots: Tensor, neurons: Tensor) -> None:
-        """Gives one neuron of a layer, of some robots, shapes (n,), the weights of a newborn."""
+        """Gives neuron `neurons[i]` of a layer of robot `robots[i]` new weights; shapes (n,)."""
         ingoing, biases, outgoing = self.networks.tensors[2 * layer : 2 * layer + 3]
         width = ingoing.shape[2]
         drawn = torch.rand(len(robots), width, generator=self.generator) * 2 - 1
@@ -81,7 +81,7 @@ class ContinualBackprop(DQNWithoutReplay):
 
 
 class CentredDQN(DQNWithoutReplay):
-    """DQN without replay from rewards less their running mean.
+    """DQN without replay that learns from rewards minus their running mean.
 
     Reward centering (Naik et al., "Reward centering", RLC 2024, section 2: simple centering).
     """

@@ -1,4 +1,4 @@
-"""Plain online Q-learning, as an agent to compare the paper's robots with."""
+"""Plain online Q-learning, an agent with which the paper's robots are compared."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ class QLearner(OnlineLearner):
 
     The update of Watkins (PhD thesis, Cambridge, 1989; Watkins and Dayan, "Q-learning", Machine
     Learning 8, 1992, equation 1), Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the
-    gradient of one hidden layer, one step at a time, without replay and without a target network.
+    gradient of a network with one hidden layer, in every step, without replay or a target network.
     Actions, discount and number of updates are those of the paper's fixed proposer. Two things
-    differ: the target contains the best next action, and actions are outputs, not inputs. The
-    inputs are the signals themselves, as in the paper.
+    differ from it: the target contains the best next action, and actions are outputs, not inputs.
+    The inputs are the signals themselves, as in the paper.
     """
 
     HIDDEN = 16
@@ -37,7 +37,7 @@ class QLearner(OnlineLearner):
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
 
     def scaled(self, state: np.ndarray) -> Tensor:
-        """Returns the signals."""
+        """Returns the signals unscaled, shape (B, I)."""
         return torch.from_numpy(state)
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
@@ -63,5 +63,5 @@ class QLearner(OnlineLearner):
     epsilon_steps=epsilon_steps(1.0),
 )
 def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Online Q-learning with a network of 16 hidden neurons, values of the 25 fixed actions."""
+    """Online Q-learning: a network of 16 hidden neurons has the 25 fixed actions as outputs."""
     return QLearner(robots, senses, seed, **settings)

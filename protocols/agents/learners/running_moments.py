@@ -1,4 +1,4 @@
-"""Running mean and variance of a stream."""
+"""Running mean and variance of a stream of values."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ class Moments:
     """Mean and variance of each robot's values so far, by Welford's method (1962).
 
     Attributes:
-      count: Number of values of each robot so far, the prior included.
-      mean: Mean of the values; 0 before the first.
-      squares: Sum of the values' squared deviations from the mean.
+      count: Number of values of each robot so far, the prior included, shape (B, 1, ...).
+      mean: Mean of the values, shape (B, ...); 0 before the first.
+      squares: Sum of the values' squared deviations from the mean, shape (B, ...).
     """
 
     def __init__(self, *shape: int, prior: float = 0.0) -> None:
-        """Begins with `prior` values of mean 0 and variance 1; `shape` is (B, ...)."""
+        """Begins as after `prior` values with mean 0 and variance 1; `shape` is (B, ...)."""
         one = shape[0], *[1] * (len(shape) - 1)
         self.count = torch.full(one, prior, dtype=torch.float64)
         self.mean = torch.zeros(*shape, dtype=torch.float64)
         self.squares = torch.full(shape, prior, dtype=torch.float64)
 
     def add(self, values: Tensor) -> None:
-        """Adds new values."""
+        """Adds a new value of each robot (and signal), shape (B, ...)."""
         self.count += 1
         apart = values - self.mean
         self.mean += apart / self.count
         self.squares += apart * (values - self.mean)
 
     def variance(self, unbiased: bool = True) -> Tensor:
-        """Returns the variance, with the divisor n - 1 if `unbiased`; 1 for too few values."""
+        """Returns the variance, divided by n - 1 if `unbiased`, else by n; 1 for too few values."""
         divisor = self.count - int(unbiased)
         known = (self.count >= 1) & (divisor > 0)
         return torch.where(known, self.squares / torch.where(known, divisor, 1.0), 1.0)
@@ -44,11 +44,11 @@ class Moments:
         return (self.variance(unbiased) + _EPSILON).sqrt()
 
     def standardised(self, values: Tensor, keep: bool, unbiased: bool = True) -> Tensor:
-        """Returns values with mean 0 and variance 1, by moments that include them.
+        """Normalises values to mean 0 and variance 1, by moments that include these values.
 
         So no result exceeds the square root of the number of values, not even in a test in which a
-        signal varies for the first time. Before the first value is kept, values stay as they are.
-        In tests, `keep` is False.
+        signal varies for the first time. If `keep`, as in training, the moments change. Before
+        they first do, values are returned as they are.
         """
         if not (keep or (self.count >= 1).any()):
             return values
@@ -57,5 +57,5 @@ class Moments:
         return (values - moments.mean) / moments.deviation(unbiased)
 
     def tensors(self) -> list[Tensor]:
-        """Returns what a checkpoint holds."""
+        """Returns the tensors that a checkpoint holds: count, mean, squares."""
         return [self.count, self.mean, self.squares]

@@ -20,11 +20,11 @@ class SarsaLambda(OnlineLearner):
 
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda), with traces set to 1).
-    Q(s, a) is the sum of one weight a tiling. Ties are broken at random in training; in tests a
-    fixed random order of each robot breaks them. The trace holds the last `MEMORY` steps; older
-    steps have decayed below 0.004 with the largest settings, below 2e-7 with the defaults. Up to
-    `cells` tiles a tiling have a weight each; beyond, a hash of the tile's numbers chooses its
-    weight.
+    Q(s, a) is the sum of one weight per tiling. Ties of values are broken at random in training; in
+    tests, a fixed random order of each robot breaks them. Traces are kept for the last `MEMORY`
+    steps; those of older steps are below 0.004 with the largest settings, below 2e-7 with the
+    defaults. Each tile has its own weight if a tiling has at most `cells` tiles; otherwise a hash
+    of the tile's numbers chooses one of `cells` weights.
     """
 
     TILINGS, MEMORY = 8, 48
@@ -60,7 +60,7 @@ class SarsaLambda(OnlineLearner):
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
-        """Returns the tile of each tiling that holds a state, shape (B, T), in [0, `cells`).
+        """Returns the index, in [0, `cells`), of each of T tilings' tile at a state, shape (B, T).
 
         Args:
           inputs: Signals scaled to [-1, 1], shape (B, I).

@@ -19,9 +19,9 @@ class StreamAC(StreamLearner):
     """Stream AC(lambda) (Elsayed, Vasan and Mahmood 2024, algorithm 9), continuous actions.
 
     With the error r + discount V(s') - V(s), `ObGD` moves the critic along the gradient of V(s)
-    and the actor along that of log p(a | s) + entropy * sign(error) * H(p). The actor has a normal
-    distribution of each motor, in units in which motor values end at 1 and -1; beyond them they
-    are clipped. In tests the robot acts at the mean.
+    and the actor along that of log p(a | s) + entropy * sign(error) * H(p). The actor draws each
+    motor value, as a share of the largest, from a normal distribution; it is clipped to [-1, 1]. In
+    tests, the action is the mean.
     """
 
     KAPPA_OF_ACTOR = 1.5  # times the critic's, as published (3 and 2)
@@ -78,7 +78,7 @@ class StreamAC(StreamLearner):
 
 
 def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
-    """Returns mean and standard deviation of both motors, each of shape (B, 2)."""
+    """Returns mean and standard deviation of both motors as shares of 0.5, each (B, 2)."""
     mean, sums = outputs.split(2, dim=-1)
     return mean, F.softplus(sums)
 

@@ -16,8 +16,8 @@ from .obgd import ObGD, StreamLearner, make_sparse
 class StreamQ(StreamLearner):
     """Stream Q(lambda) (Elsayed, Vasan and Mahmood 2024, algorithm 8) with the 25 fixed actions.
 
-    The error r + discount max Q(s', .) - Q(s, a) moves the weights by `ObGD`; traces are cut
-    after an exploratory action (Watkins). Epsilon falls linearly from 1.
+    The error r + discount max Q(s', .) - Q(s, a) moves the weights by `ObGD`; traces are set to 0
+    after an exploratory action (Watkins). Epsilon falls linearly from 1 to the setting `epsilon`.
     """
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
