@@ -14,7 +14,8 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .edits import (
+from .kinematic import Kinematics
+from .variants import (
     add_noses,
     add_obstacles,
     add_velocity,
@@ -22,7 +23,6 @@ from .edits import (
     hide_spot,
     scale_torque,
 )
-from .kinematic import Kinematics
 
 __all__ = [
     "ARENA_XML",
