@@ -48,8 +48,9 @@ AREAS = {
     "cli": "protocols/cli/*.py",
 }
 MARKS = "not slow and not night", "slow and not night"  # tests that are tried first, and then
-# Folders of the tests of modules at the root of the package and of `protocols`.
-ROOT_TESTS = "controller", "cli", "faults"
+# Folders of tests of a folder's modules, where it is not the one of its name; "" is the root of the
+# package and of `protocols`.
+FOLDERS = {"": ("controller", "cli", "faults"), "models": ("models", "tasks")}
 
 SWAPS = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
@@ -149,8 +150,8 @@ def tests_of(module: str) -> list[str]:
     path = Path(module.removeprefix("protocols/"))
     own = folder / path.with_name(f"test_{path.name}")
     others = [path for path in folder.rglob("test_*.py") if imported.search(path.read_text())]
-    tops = path.parts[:1] if len(path.parts) > 1 else ROOT_TESTS
-    near = [path for top in tops for path in (folder / top).rglob("test_*.py")]
+    top = path.parts[0] if len(path.parts) > 1 else ""
+    near = [path for top in FOLDERS.get(top, (top,)) for path in (folder / top).rglob("test_*.py")]
     files = [*filter(Path.exists, [own])]
     for group in (others, near):
         files += sorted(group, key=lambda path: path.stat().st_size)
