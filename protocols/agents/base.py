@@ -124,7 +124,7 @@ class Wrapper(Agent):
     """An agent that passes every call on to another agent; a subclass changes some calls.
 
     Attributes:
-      agent: Agent that receives the calls.
+      agent: Wrapped agent, to which all calls are passed on.
     """
 
     def __init__(self, agent: Agent) -> None:

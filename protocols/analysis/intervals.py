@@ -186,7 +186,7 @@ def difference_of_means(
       first: Values of the first group, shape (n,); NaN for a robot without a value.
       second: Values of the second group, shape (m,); NaN for a robot without a value.
       paired: Whether robots of the same index are pairs, resampled together; then n = m.
-      span: Lowest and highest value that a robot can have, such as `SHARE`.
+      span: Lowest and highest possible value of the measure, such as `SHARE`.
 
     Returns:
       Interval of the first mean minus the second. It is unknown if a group has fewer values than

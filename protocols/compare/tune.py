@@ -61,7 +61,7 @@ class Ranked(NamedTuple):
     """A trial with its robots' shares of time at the goal, see `shares_of`.
 
     Attributes:
-      trial: Settings that were tried.
+      trial: Values of the tuned settings in this trial.
       early: Shares in the first round, shape (parts, robots).
       late: Shares in the second round, shape (parts, robots); None for a trial that is not in it.
     """

@@ -131,7 +131,7 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
     """Makes a cohort of every user's agent in a plan and lets the agent act once.
 
     Args:
-      plan: Plan with the robots that are missing.
+      plan: Plan of the robots that are still to be simulated.
       held: Measurements of the run's finished robots; None if there are none.
 
     Raises:
