@@ -48,8 +48,8 @@ class _Conducted:
 class Run(_Conducted):
     """Simulate learners with their tuned settings in lives whose world changes; compare them.
 
-    Each learner has one run in each life. In a life whose worlds return, the run also simulates
-    newborns in each world. Learners and lives can be added later.
+    Each learner has one run in each life, with newborns in each world that returns. Learners and
+    lives can be added later.
     """
 
     study = "benchmark", "Benchmark"

@@ -77,8 +77,10 @@ def test_help_of_a_verb_names_every_option_and_fits_on_a_screen(verb, capsys, mo
             name = field.metadata["values"]
             if field.metadata["option"]:
                 name = f"--{field.name.replace('_', '-')}"
-            assert re.search(rf"^  {re.escape(name)}\b", text, re.M), name
-            assert field.metadata["says"]
+            before, found, _ = re.split(rf"^(  {re.escape(name)}\b)", text, maxsplit=1, flags=re.M)
+            assert found and field.metadata["says"]
+            heading = (field.metadata["group"] or "options") if field.metadata["option"] else ""
+            assert ["", *re.findall("^([a-z].*):$", before, re.M)][-1] == heading
         lines = text.splitlines()
         assert max(map(len, lines)) <= 100 and len(lines) <= most
 

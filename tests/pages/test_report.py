@@ -15,10 +15,12 @@ from helpers import run_of_rows
 from musebot import __version__
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
+from musebot.protocols.lives.manifest import MANIFEST
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.pages import film, report, tables
 from musebot.protocols.pages.report import page
+from musebot.protocols.storage import write_json
 
 
 def run_of(*proposers, robots=20):
@@ -55,6 +57,18 @@ def out(directory, tmp_path_factory):
     shutil.copytree(directory, out)
     assert cli.main(["report", str(out)]) == 0
     return out
+
+
+def test_a_report_says_that_the_runs_physics_was_another_one(
+    directory, tmp_path, monkeypatch, capsys
+):
+    shutil.copytree(directory, other := tmp_path / "run")
+    content = json.loads((other / MANIFEST).read_text())
+    write_json(other / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+    monkeypatch.setattr(report, "report", lambda run, out, output: out / report.PAGE)
+    for folder, said in ((directory, False), (other, True)):
+        assert cli.main(["report", str(folder)]) == 0
+        assert ("was simulated in another physics" in capsys.readouterr().err) == said
 
 
 @pytest.mark.slow
