@@ -138,7 +138,7 @@ class Life(Checked):
         super().__post_init__()
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
-            raise ValueError(f"phases must be some, in the order of their stages: {STAGES}")
+            raise ValueError(f"phases must be ordered by stage: {', '.join(STAGES)}")
         periods = sum(p.minutes / p.every_minutes for p in self.phases if p.every_minutes)
         if periods > _MOST_LEGS:
             raise ValueError(f"places must be drawn at most {_MOST_LEGS} times, got {periods:.3g}")

@@ -111,7 +111,9 @@ class WorldRules(Rules):
         if self.world.nose and "nose" not in self.shapes:
             raise ValueError(f"the robot of {type(self.task).__name__} has no single nose")
         if self.world.rewarded == "driving" and not hasattr(self.task, "driving"):
-            raise ValueError(f"{type(self.task).__name__} cannot reward driving")
+            raise ValueError(
+                f"{type(self.task).__name__} cannot reward driving; the task spot_or_driving can"
+            )
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns the task's observations, as the world's sensors read them."""

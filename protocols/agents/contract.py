@@ -78,7 +78,8 @@ class AgentContract:
         born = _copied(agent.weights())
         self.feed(agent, 0, STEPS)
         if born and self.learns:
-            _law(_differing(born, agent.weights()), "training changes no weights")
+            changed = _differing(born, agent.weights())
+            _law(changed, f"{STEPS} steps of training change no weights; does it learn later?")
 
     def test_tests_change_no_weights(self) -> None:
         """A test, which is without learning, leaves the weights as they are."""
@@ -262,7 +263,7 @@ def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
     try:
         getattr(agent, method)(arrays)
     except (ValueError, KeyError) as error:
-        _law(False, f"{method} refuses what the agent returned: {error}")
+        _law(False, f"{method} cannot restore what was stored: {error!r}")
 
 
 def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:

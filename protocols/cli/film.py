@@ -20,7 +20,7 @@ class Film:
 
     task: str = option(
         dataclasses.MISSING,
-        "task of the run, wall_avoidance or spot_finding; or that of the policies",
+        "life of the run, such as spot_finding; or the task of the policies",
         "TASK",
     )
     output: Path = option(dataclasses.MISSING, "film to write, an .mp4 or a small .gif", "FILE")

@@ -168,7 +168,7 @@ class Benchmark(Study):
             ]
             rows = [row for run in runs for row in _rows(run, life, matrix.bounds(life))]
             columns.append(Column(life, matrix, rows))
-        return page(columns)
+        return page(columns, self.time_scale)
 
 
 def newborn_lives(life: Life) -> list[str]:

@@ -84,9 +84,12 @@ class Column:
         return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
 
 
-def page(columns: Sequence[Column]) -> Page:
-    """Returns the benchmark's page of some lives."""
-    lines = ["## Scores", "", *table(_summary(columns)), "", _ABOUT, "", _MEASURES, ""]
+def page(columns: Sequence[Column], time_scale: float = 1.0) -> Page:
+    """Returns the benchmark's page of some lives, of which all durations were multiplied."""
+    lines = ["## Scores", ""]
+    if time_scale < 1:
+        lines += [f"A rehearsal, all durations times {time_scale:g}: its numbers mean nothing.", ""]
+    lines += [*table(_summary(columns)), "", _ABOUT, "", _MEASURES, ""]
     figures = {}
     with style.styled():
         for column in columns:

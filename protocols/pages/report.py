@@ -102,7 +102,10 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
     for task in run.tasks():
         example, life = robot_figures.favourite(run, task), run.experiment.life_of(task)
         if example is None:
-            missing.append(f"{life.title} has no test, or no robot with a brain, to film.")
+            missing.append(
+                f"{life.title}: this page films robots with a brain in tests; `musebot film` films "
+                "others."
+            )
             continue
         condition, speed = example.condition, _FILM_SPEEDS[life.wanted]
         kind = f"{example.kind}_{condition.proposer}_{example.robot}"

@@ -136,13 +136,16 @@ FAULTS = {  # an agent, and what the contract says of it
         faulty(__init__=lambda self, *given: Mean.__init__(self, *given[:2], None)),
         {SEED, RESTORED, "other robots' signals"},
     ),
-    "Idle": (faulty(learn=lambda *_: None), {"training changes no weights"}),
+    "Idle": (
+        faulty(learn=lambda *_: None),
+        {"60 steps of training change no weights"},
+    ),
     "LearnsInTests": (faulty(act=learning_in_tests), {"a test changes the weights mean"}),
     "Forgets": (ForgetsWhatItLearnsFrom, {"state() has other total"}),
     "LosesHalfAWord": (faulty(load_state=half_a_word_lost), {RESTORED}),
     "RefusesItsState": (
         faulty(load_state=refused),
-        {"load_state refuses what the agent returned: 'median'"},
+        {"load_state cannot restore what was stored: KeyError('median')"},
     ),
     "Shared": (faulty(learn=shared), {"other robots' signals change"}),
     "AcrossPlacements": (
@@ -223,7 +226,7 @@ def test_the_exit_status_says_whether_a_law_is_broken(capsys):
     assert capsys.readouterr().out == "mine:Mean passed all checks\n"
     assert cli.main(["doctor", "--agent", "mine:Idle"]) == 1
     captured = capsys.readouterr()
-    assert "spot_finding, raw signals: training changes no weights\n" in captured.out
+    assert "spot_finding, raw signals: 60 steps of training change no weights" in captured.out
     assert captured.err == "musebot: mine:Idle broke 4 laws of agents\n"
     assert cli.main(["doctor", "--agent", "creative"]) == 2
 

@@ -108,6 +108,7 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     more = dataclasses.replace(study, agent=("sarsa_lambda", "paper"), life=("body", "senses"))
     page = conduct(more, out, in_process()).markdown
     assert all(path.read_bytes() == content for path, content in kept.items())
+    assert "A rehearsal, all durations times 0.0005: its numbers mean nothing." in page
     rows = {line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if "|" in line}
     assert {"sarsa_lambda", "paper, fixed", "paper, creative", "untrained", "random"} <= rows
     assert re.findall("^## (.*)$", page, re.MULTILINE) == [

@@ -181,7 +181,7 @@ WRONG = {
     "a life must have a name": {"task": "spot_finding", "phases": [{}]},
     "name must be lower case letters": GOOD | {"name": "My life"},
     "title must be 1 to 60 characters": GOOD | {"title": ""},
-    "phases must be some, in the order of their stages": GOOD
+    "phases must be ordered by stage: pre, training, post": GOOD
     | {"phases": [{"stage": "post"}, {"stage": "pre"}]},
     **{words: GOOD | {"phases": [{}, phase]} for words, phase in IN_A_PHASE.items()},
 }
