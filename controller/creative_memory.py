@@ -95,7 +95,7 @@ class CreativeMemory:
           action: Motor values to learn, shape (B, 2).
           factors: Factor of each robot's learn rate, shape (B,); negative to unlearn the action, 0
             for a robot that does not learn. With Adam, only 1 or 0.
-          rate: Learn rate, multiplied by `factors`: a number, or a tensor of shape ().
+          rate: Learn rate before it is multiplied by `factors`: a number, or a tensor of shape ().
         """
         hidden, sums = self.networks.forward(state)
         outputs = sums.sigmoid()

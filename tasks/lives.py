@@ -123,7 +123,7 @@ class Life(Checked):
       phases: Phases of the life, in the order "pre", "training", "post".
       wanted: True if the measured event is good (in the spot), False if it is bad (in contact);
         decides the sign of Learn Ability.
-      unmeasured: Class of a robot with the measured event in neither test: "genius" or "ignorant".
+      unmeasured: Class of a robot without the measured event in both tests: "genius" or "ignorant".
     """
 
     name: str = text("", LIFE_NAME.pattern, "lower case letters, digits and underscores")

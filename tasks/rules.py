@@ -36,7 +36,8 @@ class SensorLayout:
       distances: Indices of the four rangefinders' distances in [m], in the order of `RANGEFINDERS`;
         a distance is -1 for no hit.
       touch: Indices of the force on the rim in [N].
-      smell: Indices of the spot's centre in the frame of the nose: ahead, left, up, in [m].
+      smell: Indices in `sensordata` of the spot's centre in the frame of the nose: ahead, left and
+        up, values in [m].
     """
 
     distances: slice

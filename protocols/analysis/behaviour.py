@@ -39,8 +39,9 @@ class Stay:
         last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
       spinning: Share of time in which each robot spun inside the spot, in the first and in the last
         third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      minutes: For each minute its index, then the shares of the staying robots' time at the spot in
-        which they follow the contour and spin inside, shape (M, 3); NaN if no robot was there.
+      minutes: A row for each minute, shape (M, 3): its index; of the staying robots' time at the
+        spot, the share in which they follow the contour, and that in which they spin inside; NaN if
+        no robot was there.
     """
 
     staying: np.ndarray

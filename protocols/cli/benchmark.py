@@ -23,7 +23,7 @@ class _Conducted:
     """A command that conducts a study; the study's fields are among its options.
 
     Attributes:
-      study: Name of the module in `compare`, and name of the study's class in it.
+      study: A pair: name of a module in `compare`, and name of the study's class in it.
     """
 
     study: ClassVar[tuple[str, str]]

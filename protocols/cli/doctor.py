@@ -127,8 +127,8 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     """Returns a probe for each required package, then for each optional one.
 
     Args:
-      lines: Requirements in the form of PEP 508. Those of other platforms, Python versions and
-        extras are left out; those of the extra `brain` are required where torch is installed.
+      lines: Requirements in the form of PEP 508. Those for other platforms and Python versions are
+        left out, and those of extras, except `brain` where torch is installed.
     """
     brain = "brain" if importlib.util.find_spec("torch") else ""
     probes: dict[str, Probe] = {}
