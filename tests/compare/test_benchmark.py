@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from musebot.controller.parameters import PROPOSERS
 from musebot.models import Kinematics
 from musebot.protocols.compare import bounds
 from musebot.protocols.compare.benchmark import HEADLINE, LEARNERS, Benchmark, newborn_lives
@@ -106,7 +107,8 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     assert conduct(study, out, in_process(most=0)).markdown == first
     kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
     more = dataclasses.replace(study, agent=("sarsa_lambda", "paper"), life=("body", "senses"))
-    page = conduct(more, out, in_process()).markdown
+    done = conduct(more, out, in_process())
+    page = done.markdown
     assert all(path.read_bytes() == content for path, content in kept.items())
     assert "A rehearsal, all durations times 0.0005: its numbers mean nothing." in page
     rows = {line.split(" | ")[0].removeprefix("| ") for line in page.splitlines() if "|" in line}
@@ -114,6 +116,14 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     assert re.findall("^## (.*)$", page, re.MULTILINE) == [
         "Scores", "Changing body", "Changing senses"
     ]  # fmt: skip
+    learners = ["sarsa_lambda", *(f"paper, {name}" for name in PROPOSERS)]
+    for learner in learners:  # among the scores and in the table of each life
+        assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 3, learner
+    for figure in done.figures.values():
+        assert sorted(axis.get_title("left") for axis in figure.axes) == sorted(learners)
+        for axis in figure.axes:
+            *own, mean = (line.get_ydata() for line in axis.lines[: TINY["robots"] + 1])
+            np.testing.assert_allclose(np.mean(own, axis=0), mean)
     with pytest.raises(InputError, match="holds a study with seed 61010, not 5"):
         conduct(dataclasses.replace(study, seed=5), out, in_process())
 
