@@ -119,11 +119,13 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     learners = ["sarsa_lambda", *(f"paper, {name}" for name in PROPOSERS)]
     for learner in learners:  # among the scores and in the table of each life
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 3, learner
+    assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2
     for figure in done.figures.values():
         assert sorted(axis.get_title("left") for axis in figure.axes) == sorted(learners)
         for axis in figure.axes:
             *own, mean = (line.get_ydata() for line in axis.lines[: TINY["robots"] + 1])
             np.testing.assert_allclose(np.mean(own, axis=0), mean)
+            assert len(axis.lines) == TINY["robots"] + 1 + 11  # changes of the world
     with pytest.raises(InputError, match="holds a study with seed 61010, not 5"):
         conduct(dataclasses.replace(study, seed=5), out, in_process())
 
