@@ -71,18 +71,20 @@ NAMES: Mapping[str, Mapping[str, str]] = {
 
 @dataclasses.dataclass
 class List:
-    """List lives, tasks, brains and agents by name, a line each."""
+    """List lives, tasks, brains and agents by name, or the settings of an agent, a line each."""
 
-    kind: str = argument("lives, tasks, brains or agents (all of them)", "KIND", "")
+    kind: str = argument("lives, tasks, brains, agents, or an agent's name (all lists)", "KIND", "")
 
     def __call__(self) -> None:
         """Prints the lists.
 
         Raises:
-          InputError: there is no such kind.
+          InputError: there is no such kind or agent, or the agent's code cannot be imported.
         """
         if self.kind and self.kind not in NAMES:
-            raise InputError(f"there is no list {self.kind!r:.60}; {nearest(self.kind, NAMES)}")
+            for line in _settings(self.kind):
+                say(line)
+            return
         others = {
             point.name: f"Another package's: {point.value}."
             for point in entry_points(group="musebot.agents")
@@ -96,3 +98,19 @@ class List:
             width = max(map(len, lines))
             for name, line in lines.items():
                 say(f"{'' if self.kind else '  '}{name:{width}}  {line}")
+
+
+def _settings(agent: str) -> list[str]:
+    """Returns a line for each setting of an agent: name, default, range and meaning."""
+    from ..agents.factory import factory_of, trust
+    from ..agents.names import OWN, recorded_name, registered_names
+    from ..agents.settings import settings_of
+
+    if agent not in {*OWN, *registered_names()} and ":" not in agent:
+        raise InputError(f"there is no list {agent!r:.60}; {nearest(agent, [*NAMES, *OWN])}")
+    trust(recorded := recorded_name(agent))
+    lines = []
+    for name, setting in settings_of(factory_of(recorded)).items():
+        limits = f"{setting.low:g} to {setting.high:g}"
+        lines.append(f"{name:14}  {setting.default:<8g}  {limits:18}  {setting.says}".rstrip())
+    return lines or [f"{agent} has no settings"]

@@ -153,13 +153,11 @@ def draw(column: Column) -> Figure:
     """Draws each learner's share of time over the life: its robots thin, their mean thick."""
     rows = column.ranked()
     figure, axes = style.canvas(1.3 * len(rows) + 0.6, len(rows), 1, sharex=True, sharey=True)
-    ends = np.cumsum([phase.minutes for phase in column.life.phases]) / 60
     for axis, row in zip(axes.flat, rows, strict=True):
         hours, points = smoothed(row.curves)
         axis.plot(hours, points.T, color="0.75", linewidth=0.3)
         axis.plot(hours, points.mean(axis=0), color=style.PALETTE[0], linewidth=1.5)
-        for end in ends[:-1] if len(ends) <= 24 else ():
-            axis.axvline(end, color="0.5", linewidth=0.5)
+        style.mark_changes(axis, column.life)
         axis.set_title(row.name, fontsize=8, loc="left")
         style.in_per_cent(axis, 1.0)
     axes.flat[-1].set_xlabel("hours of life")

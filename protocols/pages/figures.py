@@ -19,7 +19,7 @@ from ..lives.conditions import Condition
 from ..lives.experiment import Experiment
 from ..lives.learn_ability import CATEGORIES, Summary
 from ..lives.run import Run
-from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks
+from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks, mark_changes
 
 _NAMES = {"pre": "test", "training": "training", "post": "test"}  # of stages
 _STEPS = 36  # of a learning curve, about
@@ -76,13 +76,14 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
-    """Marks the tests and the training, and names them along the upper axis."""
+    """Marks tests, training and changes of the world; names the former along the upper axis."""
     life = experiment.life_of(task)
     parts: list[Stage] = [part for part in STAGES if life.steps_of(part)]
     hours = [life.steps_of(part) / control_steps(60) for part in parts]
     ends = np.cumsum(hours)
     for border in ends[:-1]:
         axis.axvline(border, color=INK, linewidth=0.7, linestyle=(0, (2, 3)))
+    mark_changes(axis, life)
     axis.set_xlim(0, ends[-1])
     upper = axis.secondary_xaxis("top")
     upper.set_xticks(ends - np.array(hours) / 2, [_NAMES[part] for part in parts], fontsize=8)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
+from ...tasks.lives import Life
 from ..storage import write_atomically
 
 FORMATS = ("svg", "png")
@@ -97,3 +99,12 @@ def in_per_cent(axis: Axes, top: float | None = None) -> None:
     """Labels the y axis of shares in per cent; it ends at 0 and `top`, or the highest value."""
     axis.set_ylim(0, top)
     axis.yaxis.set_major_formatter(PercentFormatter(1))
+
+
+def mark_changes(axis: Axes, life: Life) -> None:
+    """Draws a thin line where a life's world changes, unless it changes more than 24 times."""
+    starts = np.cumsum([0, *(phase.minutes for phase in life.phases)]) / 60
+    phases = enumerate(pairwise(life.phases), 1)
+    changes = [starts[later] for later, (one, other) in phases if one.world != other.world]
+    for hours in changes if len(changes) <= 24 else ():
+        axis.axvline(hours, color="0.5", linewidth=0.5)

@@ -6,7 +6,9 @@ import shutil
 import pytest
 
 from musebot.controller import BRAINS, PROPOSERS
+from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.names import RECORDED_NAMES
+from musebot.protocols.agents.settings import settings_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli.listing import NAMES
 from musebot.protocols.lives.conditions import Condition
@@ -62,6 +64,8 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "the task must be one of"),
         (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),
+        (["list", "sarsa_lambd"], "did you mean sarsa_lambda"),
+        (["list", "nowhere:made"], "no module nowhere"),
         (["list", "feelings"], "there are lives, tasks, brains, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),
     ],
@@ -89,3 +93,18 @@ def test_everything_with_a_name_is_listed_with_a_line(capsys):
         own = capsys.readouterr().out.splitlines()
         assert [line.split()[0] for line in own] == [*lines]
         assert all(line.endswith(".") and f"  {line}\n" in text for line in own)
+
+
+@pytest.mark.parametrize("agent", RECORDED_NAMES)
+def test_the_settings_of_an_agent_are_listed_with_default_limits_and_meaning(agent, capsys):
+    assert cli.main(["list", agent]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    settings = settings_of(factory_of(agent))
+    assert [line.split()[0] for line in lines if settings] == [*settings]
+    for line, one in zip(lines, settings.values(), strict=bool(settings)):
+        assert [float(line.split()[place]) for place in (1, 2, 4)] == [
+            one.default,
+            one.low,
+            one.high,
+        ]
+        assert one.says and line.endswith(one.says)

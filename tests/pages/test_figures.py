@@ -14,6 +14,7 @@ from musebot.protocols.lives.conditions import Condition
 from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import figures, style
+from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"
 WALLS_FIXED = Condition(WA, "fixed")
@@ -102,6 +103,17 @@ def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
         assert edges[-1] == pytest.approx(steps.sum() / 36000)
         assert means @ np.diff(edges) == pytest.approx(total)
         assert (line.get_marker() == "o") == (len(hours) == 1)  # a single point has no line
+
+
+@pytest.mark.parametrize("name", LIVES)
+def test_a_curve_marks_where_the_world_changes_in_lives_with_few_changes(name):
+    run = run_of(Condition(name, "creative"), minutes=720, robots=2)
+    worlds = [phase.world for phase in LIVES[name].phases for _ in range(int(phase.minutes))]
+    changes = [minute for minute in range(1, len(worlds)) if worlds[minute] != worlds[minute - 1]]
+    with style.styled():
+        lines = figures.learning_curves(run).axes[0].lines
+    marks = [line.get_xdata()[0] * 60 for line in lines if line.get_linewidth() == 0.5]
+    assert marks == pytest.approx(changes if len(changes) <= 24 else [])
 
 
 def test_a_histogram_has_a_scale_and_no_shares_where_nothing_was_measured():
