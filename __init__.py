@@ -56,10 +56,11 @@ def load(
 
     Args:
       domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one long episode.
-      task_name: Name of a task in `ALL_TASKS`; in the domain "life", of a life, such as "drift".
+      task_name: Name of a task in `ALL_TASKS`, or, in the domain "life", the name of a life, such
+        as "drift".
       task_kwargs: Keyword arguments of the task, such as {"random": 1}; see docs/tasks.md.
-      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
-        `time_limit`, the length of an episode in [s].
+      environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
+        are joined in one array) and `time_limit` (length of an episode in [s]).
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:

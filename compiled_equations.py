@@ -306,13 +306,13 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Three tuples of numbers, for robot and arena, for `Kinematics` and for the task, as
-        `protocols.lives.compiled.world_of` returns them.
-      robots: Arrays of a `KinematicBatch`, changed in place: poses, wheels, touch, spots, sensor
-        data, validity.
-      brain: `nets`, `neurons` and `now`, the present step, of a `CompiledNeurocontroller`.
+      world: Three tuples of numbers, which `protocols.lives.compiled.world_of` returns. They
+        describe the robot and its arena, the `Kinematics`, and the task.
+      robots: Tuple of the arrays that `KinematicBatch.arrays` returns, in this order: `poses`,
+        `wheels`, `touch`, `spots`, `sensordata`, `valid`. All but `spots` are changed in place.
+      brain: Tuple of `nets`, `neurons` and `now` (the present step) of a `CompiledNeurocontroller`.
       draws: Random numbers of K steps, which `CompiledNeurocontroller.draw` returned.
-      learning: Whether the brains learn in each step.
+      learning: True if the brains learn in all K steps, False if they learn in none.
       counts: Number of steps in which each robot's measured event has held so far, shape (B,);
         increased in place.
     """

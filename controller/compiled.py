@@ -25,9 +25,9 @@ class CompiledNeurocontroller(Neurocontroller):
     Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
 
     Attributes:
-      nets: Tuple of five: weights of the evaluation networks; weights of the memories; the pair
-        (pool, `fixed`) of the `NoisePatterns`; discount factor; learn rate.
-      neurons: Numbers of hidden neurons: of the evaluation network, of the memory.
+      nets: Tuple of five: weights of the evaluation networks, weights of the memories, noise,
+        discount factor, learn rate. The noise is a pair: the pool and `fixed` of `NoisePatterns`.
+      neurons: Numbers of hidden neurons in the evaluation network and in the memory, in this order.
     """
 
     def __init__(self, *arguments: Any) -> None:

@@ -14,7 +14,8 @@ class CreativeMemory:
 
     Attributes:
       networks: One network for each of B robots.
-      optimizer: `Adam` if `optimizer` is "adam" and `memory_target` is "best", else `SGD`.
+      optimizer: `Adam` if the parameters have `optimizer` "adam" and `memory_target` "best", else
+        `SGD`.
       patterns: Source of the noise patterns, of which each idea has one.
     """
 
@@ -136,11 +137,11 @@ class NoisePatterns:
 
         Args:
           connections: Number N of connections of a robot's memory that can be noisy.
-          share: Share of these connections that are noisy in a pattern, in [0, 1].
+          share: Share of the N connections that are noisy in a pattern, in [0, 1].
           noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
           generator: Random stream of all draws: noisy connections, signs, each idea's pattern.
-          robots: Number B of robots if each has fixed noisy connections; 0 if each idea draws its
-            own.
+          robots: Number B of robots if each robot has fixed noisy connections; 0 if they are
+            drawn anew for each idea.
         """
         self.connections = connections
         self.noisy = max(round(share * connections), 1 if share > 0 else 0)
@@ -202,7 +203,7 @@ class HeldNoisePatterns:
         """Prepares patterns to hold; the first `renew` draws them.
 
         Args:
-          patterns: Source of the patterns that are held.
+          patterns: Noise patterns from which the held ones are drawn.
           count: Number of patterns that are held: one for each idea of each robot.
           steps: Number of steps for which a pattern is held; 0 for life.
         """

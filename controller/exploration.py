@@ -52,7 +52,7 @@ class PersistentExploration:
         Args:
           robots: Number B of robots.
           longest: Longest duration of an exploratory action, in control steps.
-          generator: Random stream of the draws.
+          generator: Random stream of the starts, motor pairs and durations of exploratory actions.
         """
         self._longest = longest
         self._generator = generator
@@ -88,8 +88,8 @@ class Schedule:
 
     Attributes:
       decays: Whether the value changes during training.
-      value: Value in the present step, a number. On a GPU, a value that decays is a tensor of shape
-        (), changed in place, so that a captured step reads it.
+      value: Value in the present step: a number, or, if it decays on a GPU, a tensor of shape ().
+        The tensor is changed in place, so that steps captured as CUDA graphs read the new value.
     """
 
     value: float | Tensor

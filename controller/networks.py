@@ -21,8 +21,8 @@ class Activation:
 
     Attributes:
       apply: Function that replaces the neurons' sums by their activations, in place.
-      back: Function that takes the errors at the activations, then the activations, and returns
-        the errors at the sums.
+      back: Function for back-propagation. It takes two arguments, the errors of the activations
+        and the activations themselves, and returns the errors of the neurons' sums.
     """
 
     apply: Callable[[Tensor], Tensor]
@@ -102,7 +102,7 @@ class Networks:
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).
-          steps: Factor for the gradient of each output sum, shape (B, O).
+          steps: Factor steps_o of the gradient of each output sum o, shape (B, O).
         """
         back = self._back(hidden, steps)
         self.output_weights.baddbmm_(steps[..., None], hidden[:, None])

@@ -107,7 +107,8 @@ class Neurocontroller:
 
         Args:
           state: Sensor signals, shape (B, S).
-          explore: True to explore with the `epsilon` of training, False with `test_epsilon`.
+          explore: Whether to explore with `epsilon`, the probability in training, and not with
+            `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
@@ -255,8 +256,8 @@ class Neurocontroller:
         """Overwrites all weights and biases.
 
         Args:
-          tensors: Weights and biases, named as by `networks`; other names are ignored, so that a
-            brain with another proposer can take them.
+          tensors: Weights and biases by name, as `networks` returns them. Other names are ignored:
+            a brain without a memory can take the networks of a brain with one.
 
         Raises:
           ValueError: A tensor is missing or has the wrong shape.

@@ -44,14 +44,14 @@ class Parameters(Checked):
         (section 3).
       memory_hidden: Number of hidden neurons of the creative memory (section 3).
       noise: Constant sigma that is added to or subtracted from a noisy connection (section 3).
-      noisy_share: Share of the memory's connections that are noisy in an idea, in the paper "a
-        quarter" (section 3); their number is rounded to the nearest whole number, at least 1 if the
-        share is above 0.
+      noisy_share: Share of the memory's connections that are noisy in an idea; "a quarter" in the
+        paper (section 3). The number of noisy connections is rounded to the nearest whole number.
+        It is at least 1 if the share is above 0.
       noisy_connections: Which connections are noisy. "anew": drawn for each idea. "fixed": drawn
         once for each robot; each idea then draws only the signs of the noise (docs/paper.md).
-      noise_steps: Number of steps for which the ideas keep their noise: 1 for new noise in every
-        step, 0 for the same noise for life (not stated in the paper). A brain whose
-        networks are loaded draws new noise.
+      noise_steps: Number of steps for which the ideas keep their noise (not stated in the paper):
+        1 for new noise in every step, 0 for the same noise for life. Stored networks do not contain
+        the noise; a brain that loads them draws its own.
       noise_on_biases: Whether biases, too, can be noisy (not stated in the paper).
       keep_main_idea: Whether the first idea is the memory's output without noise (not stated in
         the paper).
@@ -59,8 +59,8 @@ class Parameters(Checked):
         [-initial_range, initial_range] (section 3.1).
       activation: Activation function of the hidden neurons, "logistic" (section 3) or "tanh".
       centred_inputs: Whether all network inputs, motor values included, are scaled to [-1, 1].
-      raw_signals: Whether the raw value x of each signal that saturates as x / (1 + x), such as
-        smell, is a further network input.
+      raw_signals: Whether the networks also receive the raw value x of each saturating signal
+        x / (1 + x), such as smell. As an input, x is scaled to 1 at maximal smell.
       raw_reward: Whether a saturating reward is replaced by its raw value, scaled to 1 at maximal
         smell.
       reward_form: Reward from which the brain learns: the "signal" itself (section 2), or its
@@ -86,8 +86,8 @@ class Parameters(Checked):
       initial_learn_rate: Learn rate when training starts, from which it decays to `learn_rate`;
         None for no decay.
       learn_rate_decay_steps: Time constant of the decay of the learn rate, in steps of training.
-      context_neurons: Number of units of a recurrent context, an echo state network, that are
-        further inputs of both networks; 0 for none.
+      context_neurons: Number of units of the recurrent context, an echo state network; 0 for no
+        context. The values of the units are further inputs of both networks.
     """
 
     evaluation_hidden: int = whole(7, 1, _MOST_NEURONS)

@@ -151,7 +151,7 @@ class Dimensions:
       motor_speed: Speed of a wheel at motor value 0.5 in [m/s].
       contact_margin: Largest gap to a wall in [m] at which the rim is in contact.
       spot_radius: Radius of the odorous spot in [m].
-      nose: Distance of the nose in front of the robot's centre in [m]; 0 at the centre.
+      nose: Distance from the robot's centre forward to the nose in [m]; 0 if it is at the centre.
       obstacles: Centre x, y and radius of each obstacle in [m].
     """
 

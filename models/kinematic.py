@@ -39,12 +39,12 @@ class Kinematics(Checked):
         the wall as the tyres of the MuJoCo body do, by Coulomb's law. "refuses": a move that would
         overlap a wall is not made, not even in part; the robot still turns.
       felt: Condition for contact. "near": the gap between rim and wall is within the contact
-        margin. "pushed": the wheels push the robot into a wall, as in MuJoCo, where a wall pushes
-        away a robot that does not push. With the wall "refuses", "pushed" means a refused move.
+        margin. "pushed": the wheels push the robot into a wall. MuJoCo is similar: a wall pushes
+        away a robot that stands or spins. With the wall "refuses", "pushed" means a refused move.
       any_contact: Whether contact at any time of a control step counts; otherwise only contact at
         the end of the step counts.
-      lag: Time constant in [s] with which the wheels' speed follows the motors; 0 for no lag. The
-        MuJoCo body has about 0.08 s straight ahead, because of its mass and its servos.
+      lag: Time constant in [s] with which the wheels' speed follows the motor values; 0 for no lag.
+        For the MuJoCo body driving straight ahead, it is about 0.08 s, because of mass and servos.
       pieces: Number of equal pieces into which a control step is divided; the robot follows one
         path in each.
       path: Path in each of the `pieces`. "arc": exact for two wheels of constant speed. "euler":
@@ -132,8 +132,8 @@ def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
-      into: Booleans, shape (2, B): whether the wall that a robot meets first limits x (row 0) or y
-        (row 1).
+      into: Booleans, shape (2, B). Row 0: whether the robot first meets a wall that limits x.
+        Row 1: whether it first meets a wall that limits y. In a corner, both are true.
       seconds: Duration of driving into the wall in [s], shape (B,).
     """
     xp = namespace(lost)

@@ -61,8 +61,8 @@ class JobProgress:
           what: Description of the jobs, shown next to the progress.
           costs: Cost of each job: simulated seconds, added up over its robots.
           quiet: Whether to hide the progress.
-          robots: Number of robots of each job; empty if the jobs are not made of robots' lives.
-          watcher: Function that is called whenever reports are shown, several times a second.
+          robots: Number of robots in each job. If given, progress lines count robots, else jobs.
+          watcher: Function without arguments, called at the end of every call of `show`.
         """
         self._costs, self._robots, self._watcher = costs, robots, watcher
         self._done: dict[int, float] = {}

@@ -234,8 +234,8 @@ def load_arrays(
 
     Args:
       path: File that `save_arrays` wrote.
-      check: Function of the dtypes and shapes of all arrays by name, called before any array is
-        read; it raises ValueError if the file must not be read.
+      check: Function that receives the dtype and shape of each array, by name, before any array
+        is read. It raises ValueError to refuse the file.
       wanted: Function that returns whether to keep the array of a name; None keeps all.
 
     Raises:

@@ -18,7 +18,7 @@ def printable(text: str, *, lines: bool = False) -> str:
     """Returns a text in which characters that could control a terminal are escaped.
 
     Args:
-      text: Text, which may contain names of files or values that others have chosen.
+      text: Text to print; names of files or values in it may contain control characters.
       lines: Whether to keep line breaks and the whole length. Otherwise line breaks are escaped,
         and a long text is shortened in the middle.
     """

@@ -282,8 +282,8 @@ class Settings(TypedDict, total=False):
         nose.
       time_limit: Length of an episode in [s]; None (default) for the task's own.
       random: Random stream, or its seed; None (default) for a seed of the operating system.
-      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
-        `time_limit`, which replaces the one above.
+      environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
+        are joined in one array) and `time_limit` (overrides the keyword `time_limit`).
     """
 
     robot: tuple[float, float, float] | Corner | None
@@ -305,12 +305,12 @@ class TaskDefinition(Checked):
       name: Name of the task, such as "wall_avoidance".
       rules: Subclass of `Rules` with the task's observations, reward and measured event.
       edits: Functions that change the arena's MjSpec in place, called in this order.
-      limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
+      limit: Bound of an action's two numbers: `limit` is motor value 0.5, `-limit` is -0.5.
       time_limit: Length of an episode in [s]; infinity for an episode without end.
       spot_seconds: Time between two jumps of the spot in [s], a multiple of 0.1; 0 for a spot that
         stays.
       model: MJCF file of the arena with its robot, see `models.arena.check_arena`.
-      life: Life that is one whole episode; None for ordinary episodes.
+      life: Life through which the robot passes in every episode; None for a task without phases.
     """
 
     name: str

@@ -77,7 +77,7 @@ class Robots(abc.ABC):
 
     Attributes:
       robots: Number of robots, B.
-      rules: Observations, reward and event of the task in the present world.
+      rules: Rules of the task in the present world: observations, reward and measured event.
       dimensions: Dimensions of robot, arena and spot, equal for all robots.
       world: World of all robots, which `enter` changes.
       sensordata: Last measurements in MuJoCo's layout, shape (B, nsensordata).

@@ -42,11 +42,11 @@ class Episode:
       task: Name of the task; states of another task are refused.
       start: Places of robot and spot at the start, fixed or random.
       dimensions: Dimensions of robot, arena and spot, which decide the possible places.
-      limit: Largest action, forwards and backwards; it corresponds to motor value 0.5.
+      limit: Bound of an action's two numbers: `limit` is motor value 0.5, `-limit` is -0.5.
       spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
         spot that stays.
       steps: Number of control steps; infinity for an episode without end.
-      life: Life that is one whole episode; None for ordinary episodes.
+      life: Life through which the robot passes in the episode; None for one without phases.
     """
 
     task: str

@@ -99,7 +99,7 @@ class Leg:
 
     Attributes:
       start: First control step, counted from 0 at the start of the life.
-      stop: Control step that follows the last one.
+      stop: First control step after the stretch, counted as `start` is.
       number: Number of the phase in the life, from 0.
       phase: Phase to which the stretch belongs.
       changes_world: Whether the world differs from that of the leg before; False for the first.
@@ -123,7 +123,8 @@ class Life(Checked):
       phases: Phases of the life, in the order "pre", "training", "post".
       wanted: True if the measured event is good (in the spot), False if it is bad (in contact);
         decides the sign of Learn Ability.
-      unmeasured: Class of a robot without the measured event in both tests: "genius" or "ignorant".
+      unmeasured: Class of a robot for which the measured event holds in neither test: "genius" or
+        "ignorant".
     """
 
     name: str = text("", LIFE_NAME.pattern, "lower case letters, digits and underscores")

@@ -36,8 +36,8 @@ class SensorLayout:
       distances: Indices of the four rangefinders' distances in [m], in the order of `RANGEFINDERS`;
         a distance is -1 for no hit.
       touch: Indices of the force on the rim in [N].
-      smell: Indices in `sensordata` of the spot's centre in the frame of the nose: ahead, left and
-        up, values in [m].
+      smell: Indices of the spot's centre in the frame of the nose: its distances ahead, to the
+        left and up, in [m].
     """
 
     distances: slice
@@ -74,8 +74,8 @@ class Rules(abc.ABC):
       layout: Indices of each sensor's numbers in `sensordata`.
       shapes: Length, minimum and maximum of each observation, by name.
       rewards: Minimum and maximum of the reward.
-      maximal: Raw signal s' at maximal smell, by name of the signal ("reward" for the reward).
-        Only for signals that saturate, s = s' / (1 + s') (Eq. 3).
+      maximal: Raw value s' at maximal smell of each signal s = s' / (1 + s') (Eq. 3), by name of
+        the observation, or "reward". Other signals are left out.
       has_nose: Whether the robot smells the spot.
     """
 

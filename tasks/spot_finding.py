@@ -57,8 +57,8 @@ class TwoNosesRules(SpotFindingRules):
     The event is the same as with one nose: the front of the rim is inside the spot.
 
     Attributes:
-      left: Indices in `sensordata` of the spot's centre in the frame of the left nose.
-      right: Indices in `sensordata` of the spot's centre in the frame of the right nose.
+      left: Slice of `sensordata`: the spot's centre (x, y, z in [m]) in the left nose's frame.
+      right: Slice of `sensordata`: the spot's centre (x, y, z in [m]) in the right nose's frame.
     """
 
     left: slice

@@ -92,11 +92,11 @@ def load(
     """Returns a task's dm_control environment; called like `dm_control.suite.load`.
 
     Args:
-      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one long episode.
-      task_name: Name of a task in `ALL_TASKS`; in the domain "life", of a life in `lives.LIVES`.
+      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for episodes that are whole lives.
+      task_name: In the domain "arena", name of a task; in "life", name of a life in `lives.LIVES`.
       task_kwargs: Keyword arguments of the task, such as {"random": 1}; see `arena.Settings`.
-      environment_kwargs: Dictionary with `flat_observation`, whether all signals are one array, and
-        `time_limit`, the length of an episode in [s].
+      environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
+        are joined in one array) and `time_limit` (length of an episode in [s]).
       visualize_reward: Whether the robot's colour shows its reward.
 
     Raises:

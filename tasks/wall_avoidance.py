@@ -52,7 +52,7 @@ class DrivingRules(WallAvoidanceRules):
     """Wall avoidance that rewards driving ahead, so that a robot at rest earns nothing.
 
     Attributes:
-      velocity: Indices in `sensordata` of the velocity ahead, left and up in [m/s].
+      velocity: Slice of `sensordata`: the velocity's components ahead, left and up, in [m/s].
       top_speed: Speed of a wheel at motor value 0.5 in [m/s], at which `speed` is 1.
     """
 

@@ -25,14 +25,14 @@ class World(Checked):
     not the simulator, so that it is the same in every simulator.
 
     Attributes:
-      wheels: Matrix from motor values to what the wheels receive: left from left, left from right,
-        right from left, right from right. (-1, 0, 0, 1) reverses the left wheel.
+      wheels: Matrix (a, b, c, d). For motor values l and r, the left wheel receives a l + b r, the
+        right one c l + d r. (-1, 0, 0, 1) reverses the left wheel.
       nose: Angle of the nose on the rim in degrees, counterclockwise from the front.
       sensors: Sensors that read wrong: name, offset and gain of each. A sensor reads offset + gain
         * signal, within its range; (name, 0, 0) is a lost one. Names are those of `SENSORS`.
-      rewarded: "task": the task's own reward and event. "driving": the reward of the task
-        `wall_avoidance_obstacles`, the speed ahead, 0 in contact; the event is at least half of the
-        top speed.
+      rewarded: "task": reward and measured event are the task's own. "driving": the reward is the
+        speed ahead as a share of the top speed, 0 in reverse or in contact, as in the task
+        `wall_avoidance_obstacles`; the event is a reward of at least 0.5.
     """
 
     wheels: tuple[float, ...] = numbers(_UNCHANGED, -1, 1, 4)

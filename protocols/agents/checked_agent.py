@@ -116,7 +116,7 @@ def ending_in_a_sentence(
 
     Args:
       what: Beginning of the sentence, such as "NAME failed in act"; the fault follows.
-      kind: Type of the error that replaces an exception; an exit always becomes a RunError.
+      kind: Type of the error that replaces an exception; SystemExit always becomes a RunError.
       passed: Types of exceptions that are raised unchanged.
 
     Raises:

@@ -40,7 +40,7 @@ class AgentContract:
     """The laws of agents, a test each; it raises AssertionError if the agent breaks the law.
 
     Attributes:
-      name: Name of the agent, or its factory as package.module:factory, whose code will run.
+      name: Name of the agent, or its factory as package.module:factory. The tests run its code.
       task: Name of the task whose signals the agent receives.
       signals: Observation set: "paper", or "raw" with smell and reward before they saturate.
       learns: Whether training must change the agent's weights.

@@ -58,7 +58,8 @@ def recorded_name(name: str) -> str:
     """Returns the name under which a run records an agent, or a proposer's name as given.
 
     Args:
-      name: Proposer; short or registered name of an agent; or "package.module:factory".
+      name: Proposer, short name of our own agent, registered name of another package's agent, or
+        "package.module:factory".
 
     Raises:
       InputError: no agent has this name.

@@ -82,7 +82,7 @@ class Policies:
 
         Args:
           state: The S observed signals of each robot, float32, shape (B, S).
-          trained: Whether to use the policies after training, or else those before training.
+          trained: True for the policies after training, False for those before training.
 
         Returns:
           Left and right motor value in [-0.5, 0.5], shape (B, 2).

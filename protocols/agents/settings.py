@@ -29,9 +29,9 @@ class Setting:
       says: Meaning of the setting in a few words.
       log: Whether tuning draws the logarithm of the value uniformly, instead of the value.
       tuned: Whether `musebot benchmark tune` changes it.
-      each: Whether robots of a cohort may differ in it: the factory then receives an array of shape
-        (B,), int64 for whole numbers, else float64. If this holds for all tuned settings, several
-        trials are simulated together, which takes less time.
+      each: Whether robots of a cohort may have different values. If they do, the factory receives
+        an array of shape (B,), int64 for whole numbers, else float64. If all tuned settings allow
+        different values, tuning simulates several trials together, which takes less time.
     """
 
     default: float

@@ -35,8 +35,8 @@ class Bounds:
     """Lower and upper bounds of the share of time at the goal, in each of a life's W worlds.
 
     Attributes:
-      low: Share of time at the goal of untrained robots, shape (W,).
-      high: Share of time at the goal of robots with a policy made for the world, shape (W,).
+      low: Mean share of time that untrained robots spend at the goal, shape (W,).
+      high: Mean share of time at the goal that a policy made for the world reaches, shape (W,).
     """
 
     low: np.ndarray
@@ -52,10 +52,12 @@ class Adaptation:
     """How n robots adapted in the P phases of a life.
 
     Attributes:
-      scores: Mean score in each phase: 0 at the lower, 1 at the upper bound of its world, (n, P).
+      scores: Mean score in each phase, shape (n, P). A score is 0 at the lower bound of the
+        phase's world, and 1 at the upper bound.
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
-      recovery: First minute of each phase, counted from 1, from which the mean score of `WINDOW`
-        minutes is at least `RECOVERED`; the phase's last minute if there is none, shape (n, P).
+      recovery: Minute of each phase, counted from 1, in which a robot recovers, shape (n, P): the
+        next `WINDOW` minutes, this one included, are the first with a mean score of at least
+        `RECOVERED`. If a robot does not recover, it is the phase's last minute.
       before: Mean score in the last `WINDOW` minutes of each phase, shape (n, P).
       after: Mean score in the first `WINDOW` minutes of each phase, shape (n, P).
       worlds: Index of each phase's world in `Life.worlds`, shape (P,).

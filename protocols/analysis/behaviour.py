@@ -34,14 +34,14 @@ class Stay:
     A robot is at the spot while its nose is inside it or within 2 cm of its rim.
 
     Attributes:
-      staying: Whether each robot stayed at the spot for at least a tenth of the time, shape (n,).
+      staying: Whether each robot was at the spot in at least a tenth of all seconds, shape (n,).
       following: Share of time in which each robot followed the contour, in the first and in the
-        last third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
+        last third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
       spinning: Share of time in which each robot spun inside the spot, in the first and in the last
-        third of its time at the spot, shape (n, 2); NaN for a robot that left at once.
-      minutes: A row for each minute, shape (M, 3): its index; of the staying robots' time at the
-        spot, the share in which they follow the contour, and that in which they spin inside; NaN if
-        no robot was there.
+        third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
+      minutes: A row for each minute, shape (M, 3): its index, then two shares of the time that the
+        staying robots spent at the spot in this minute. The first is that of following the contour,
+        the second that of spinning inside; both are NaN if no such robot was at the spot.
     """
 
     staying: np.ndarray

@@ -92,11 +92,11 @@ def more(
 
     Args:
       statistic: Function of evidence and condition that returns a `Share` or a `Sample`.
-      condition: Condition whose statistic should be larger.
+      condition: Condition whose statistic should be larger than that of the others.
       *others: Conditions to compare with; if none is given, the paper's others of the task.
       what: Words before the numbers in the description, such as "mean L ".
-      times: Factor that multiplies the share that should be smaller; means ignore it.
-      less: Whether the condition's statistic should be smaller instead of larger.
+      times: Factor by which the share that should be smaller is multiplied; not used for means.
+      less: Whether the statistic should be smaller than that of the others, instead of larger.
     """
     rest = [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
 

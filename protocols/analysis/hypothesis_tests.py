@@ -249,8 +249,8 @@ def holm(p_values: np.ndarray) -> np.ndarray:
     p-value below alpha are rejected, the probability of rejecting any true one is at most alpha.
 
     Args:
-      p_values: Uncorrected p-values, shape (m,); NaN for a test that the data do not allow, which
-        counts as a member of the family and stays NaN.
+      p_values: Uncorrected p-values, shape (m,). If the data do not allow a test, its p-value is
+        NaN and stays NaN; the test still counts as a member of the family.
     """
     p_values = np.asarray(p_values, dtype=float)
     order = np.argsort(p_values)  # NaN last

@@ -127,8 +127,9 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     """Returns a probe for each required package, then for each optional one.
 
     Args:
-      lines: Requirements in the form of PEP 508. Those for other platforms and Python versions are
-        left out, and those of extras, except `brain` where torch is installed.
+      lines: Requirements in the form of PEP 508. Those without an extra are required, and those of
+        the extra `brain` if torch is installed, unless they are for other platforms or Python
+        versions. Of the rest, packages in `_OPTIONAL` are optional, and others have no probe.
     """
     brain = "brain" if importlib.util.find_spec("torch") else ""
     probes: dict[str, Probe] = {}

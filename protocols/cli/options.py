@@ -21,7 +21,7 @@ def option(
       default: Value if the option is not given; `dataclasses.MISSING` if it must be given.
       says: Text in the help: meaning, unit and default.
       values: Name of the value in the help, such as "N"; "" lists the choices instead.
-      choices: Allowed words; empty if the value is checked where it is used.
+      choices: Words that the parser accepts; empty if it accepts all, and later code checks them.
       group: Heading in the help above the option; "" for the heading "options".
     """
     values = values or f"{{{','.join(choices)}}}"

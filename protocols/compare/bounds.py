@@ -45,9 +45,10 @@ class Matrix:
     """Shares of time at the goal that policies reach in the W tried worlds of a life.
 
     Attributes:
-      worlds: Indices of the tried worlds in `Life.worlds`.
+      worlds: Indices in `Life.worlds` of the W worlds in which policies were measured.
       shares: Mean share of time at the goal of each policy (row) in each world (column), shape
-        (W + 2, W): rows of the policies made for the worlds, then those of `UNTAUGHT`.
+        (W + 2, W). The first W rows are the policies made for the worlds, in the order of the
+        columns; the last two rows are the policies named in `UNTAUGHT`.
     """
 
     worlds: tuple[int, ...]

@@ -48,10 +48,10 @@ class Row:
 
     Attributes:
       name: Name of the learner, or of a brain and its proposer.
-      curves: Share of each minute in which each robot reached the goal, shape (n, M).
-      old: Adaptation of the learner's robots over the life.
-      newborns: Minutes of recovery of newborns, an array for each world; only that of the first
-        world in a life without newborns of the others.
+      curves: Share of each of M minutes that each of n robots was at the goal, shape (n, M).
+      old: Measures of how these n robots adapted in the phases of the life.
+      newborns: Minutes of recovery of newborn robots, an array for each world. If no world of the
+        life occurs twice, there is only the array of the first world.
     """
 
     name: str

@@ -51,7 +51,7 @@ class Page:
     """Results page of a study.
 
     Attributes:
-      figures: Figures by name; each is saved in files of this name.
+      figures: Figures by the name of their files, without the suffix.
     """
 
     markdown: str

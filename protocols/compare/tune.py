@@ -61,9 +61,9 @@ class Ranked(NamedTuple):
     """A trial with its robots' shares of time at the goal, see `shares_of`.
 
     Attributes:
-      trial: Values of the tuned settings in this trial.
-      early: Shares in the first round, shape (parts, robots).
-      late: Shares in the second round, shape (parts, robots); None for a trial that is not in it.
+      trial: Number of the trial, and its choice of settings.
+      early: Share of each robot in each part of its life, first round, shape (parts, robots).
+      late: Shares in the second round, shape (parts, robots); None if the trial was not kept.
     """
 
     trial: Trial

@@ -107,8 +107,8 @@ class Cohort:
       key: Condition and number of the cohort.
       batch: The B robots in their arenas, on the experiment's device.
       agent: Agent that drives all B robots.
-      decide: Function `device.decide` for these robots, with the argument `learning`; on a GPU,
-        it replays a captured CUDA graph.
+      decide: Function that takes `learning`, calls `device.decide` for these robots, and returns
+        their motor values. For brains on a GPU, it replays a captured CUDA graph instead.
       step: Number of control steps simulated so far.
       steps: Number of control steps of the whole life.
     """
@@ -307,8 +307,8 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
 
     Args:
       cohorts: Cohorts of one task, at least one of them not finished.
-      steps: Largest number of control steps; the call ends earlier if the lives end, or if cohorts
-        that were behind catch up with another one.
+      steps: Largest number of control steps. The call ends earlier if the lives end, or if the
+        cohorts at the earliest step reach the step of another cohort.
     """
     earliest = min(cohort.step for cohort in cohorts)
     moving = [cohort for cohort in cohorts if cohort.step == earliest]

@@ -72,8 +72,8 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
     """Reads words NAME=VALUE; returns the values by name.
 
     Args:
-      words: Words NAME=VALUE; VALUE is a number, true, false, null, a list in JSON, or else a text.
-      known: Names that are allowed.
+      words: Words NAME=VALUE; a number or JSON (true, [1,2]) as VALUE is decoded, else it is text.
+      known: Names that the words may set.
 
     Raises:
       InputError: a word has another form, or a name is unknown or given twice.

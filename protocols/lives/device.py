@@ -55,7 +55,7 @@ def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
     """Simulates one control step of robots.
 
     Args:
-      batches: One batch, or some parts of one batch, whose other parts get motor values of 0.
+      batches: One batch, or parts of one batch. The other parts get motor values of 0.
       motors: Left and right motor values, shape (B, 2), for each of `batches`.
     """
     first = batches[0]
@@ -111,7 +111,7 @@ class CapturedSteps:
     alternate steps.
 
     Attributes:
-      count: Function that adds the measured events to the counts after a step of the physics.
+      count: Function, called after a step of the physics, that runs `add_events` for the robots.
     """
 
     def __init__(self, brain: Neurocontroller, batch: Robots, counts: torch.Tensor) -> None:
@@ -120,8 +120,8 @@ class CapturedSteps:
         Args:
           brain: Brains of the B robots, on a GPU.
           batch: Robots whose sensor data are tensors on the brains' device.
-          counts: Number of steps with the measured event of each robot so far, shape (B,);
-            increased in place.
+          counts: Number of control steps with the measured event of each robot since the last
+            `Cohort.store`, shape (B,). Each step adds to it in place.
         """
         device, random = counts.device, brain.generator
         self._brain = brain

@@ -47,16 +47,16 @@ class Experiment:
       learn_across_placement: Whether robots learn from the step that spans a new placement (not
         stated in the paper).
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
-      motor_torque: Torque of a stalled wheel at another motor speed: "constant", so that the lag of
-        the wheels grows with the speed, or "scaled" with the speed, so that the lag stays equal.
+      motor_torque: Stall torque of the motors if `motor_speed` is set: "constant", so that faster
+        wheels lag behind for longer, or "scaled" with the speed, so that the lag stays equal.
       body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
       kinematics: Settings of the kinematic simulator, for the body "kinematic" only.
       brain: Parameters of the neurocontroller, for conditions with a proposer.
       physics: Engine of the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
         computes in single precision (docs/physics.md).
-      device: "cpu", or "cuda" or "cuda:1" for a GPU, on which the brains and the kinematic
-        simulator or MuJoCo Warp compute. Lives differ between devices, because random numbers and
-        rounding do.
+      device: Device on which brains and simulator compute: "cpu", or a GPU, such as "cuda" or
+        "cuda:1". A GPU needs the kinematic simulator or MuJoCo Warp. Lives differ between devices,
+        because random numbers and rounding do.
       backend: Library that computes the paper's brain: "torch", or "numba", which also computes the
         kinematic simulator (docs/performance.md). Lives with the two differ by rounding.
       signals: Observation set of agents: "paper", or "raw" with smell and reward before they
@@ -160,7 +160,7 @@ class Experiment:
         Args:
           life: Name of a life, or of a task of the domain "arena".
           robots: Number B of robots.
-          edits: Edits of the arena's model, made after the task's own.
+          edits: Functions that change the arena's MjSpec in place, called after the task's own.
         """
         task = life if life in TASKS else self.life_of(life).task
         if self.nose_place == "centre":

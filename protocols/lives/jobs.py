@@ -58,8 +58,8 @@ class Job(Protocol):
 
         Args:
           stop: Function that returns whether the job must stop.
-          report: Function of the amount of work done, in the unit of `cost`, and a message; called
-            about twice a second.
+          report: Function that takes the amount of work done so far, in the unit of `cost`, and a
+            message; called about twice a second.
 
         Returns:
           Whether the work is done and its file is written.
@@ -114,7 +114,7 @@ class CohortJob:
     Attributes:
       directory: Folder of the run, an absolute path.
       experiment: Seed, cohort size, body, brain and other fields that decide the lives.
-      keys: Condition and number of each cohort: one, or several of one task that share the physics.
+      keys: Condition and number of each cohort; several must be of one task, and share one batch.
       save_every: Wall-clock seconds between two checkpoints.
     """
 

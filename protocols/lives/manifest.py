@@ -101,8 +101,8 @@ def check_identity(
 
     Args:
       path: File or folder, for the error's text.
-      held: Values that the file stores, by name: plain data or dataclasses. Fields of an experiment
-        that are missing have their defaults.
+      held: Values that the file stores, by name, as plain data or dataclasses. If the file lacks
+        a field of `Experiment`, the field's default is used.
       wanted: Values that the file must store, by name; it may store others.
       what: Kind of thing that the file describes, such as "a run", for the error's text.
 

@@ -180,7 +180,7 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
     Args:
       plan: Plan of the robots that are to be simulated.
       at_once: Largest number of jobs that the machine runs at a time.
-      whole: Plan of all robots that the results will have; None if it is `plan`.
+      whole: Plan of all robots in the results, finished ones too; None for those of `plan`.
     """
     size, whole = plan.experiment.cohort_size, whole or plan
     jobs = min(at_once, sum(plan.robots.values()) // size)
@@ -195,7 +195,7 @@ def check_agent_memory(plan: Plan, condition: Condition, state: float, weights: 
     Args:
       plan: Plan of the run, which has the cohort size and the number of robots.
       condition: Condition whose robots the agent drives.
-      state: Bytes per robot of `Agent.state`; several copies exist while it is written.
+      state: Bytes per robot of `Agent.state`; several copies exist while a checkpoint is written.
       weights: Bytes per robot of `Agent.weights`, which are kept before and after training.
     """
     robots, size = plan.robots[condition], plan.experiment.cohort_size

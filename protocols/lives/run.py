@@ -33,8 +33,8 @@ class Lives:
     """Measurements of N robots of a condition: of a finished cohort, or of several in order.
 
     Attributes:
-      events: Number of control steps in contact, or in the spot, in the test before training, in
-        training, and in the test after training, shape (N, 3).
+      events: Number of control steps with the measured event, such as contact, shape (N, 3): in the
+        test before training, in training, and in the test after training.
       minutes: Number of control steps in contact, or in the spot, in each of M simulated minutes,
         shape (N, M).
       valid: False for a robot whose simulation became unstable, shape (N,).
@@ -105,8 +105,9 @@ def lives_shapes(
     Args:
       experiment: Experiment of the robots, which decides durations and networks.
       condition: Condition of the robots, which decides the life and the kind of agent.
-      robots: Number of robots, N.
-      found: Dtypes and shapes in a file; for the weights of an agent, these are the wanted ones.
+      robots: Number N of robots, the first dimension of each array.
+      found: Dtypes and shapes of a file's arrays. If the agent is no brain, its weights before
+        training must have the same ones as its weights after training.
       networks: Whether networks are among the arrays; False for a run kept without them.
     """
     minutes = len(experiment.life_of(condition.task).steps_of_minutes())
@@ -170,7 +171,7 @@ class Robot:
       t_post_s: Time in contact, or in the spot, in the test after training, in [s].
       learn_ability: Learn Ability L (Eq. 4); NaN (an empty cell) for a genius, an ignorant or an
         invalid robot.
-      category: Class in tables 1 and 2, such as "L = 1" or "genius"; or "invalid".
+      category: Class of the robot by its unrounded L, such as "L = 1" or "genius"; or "invalid".
     """
 
     task: str

@@ -41,7 +41,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Initialises the environment.
 
         Args:
-          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life".
+          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life", which
+            needs the keyword `life`.
           render_mode: "rgb_array", "depth_array", "rgbd_tuple" (see `render`), "human" for a
             window, or None.
           camera: Name of the camera: "overhead", "corner", "follow" or "eye".
@@ -107,7 +108,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
           seed: Seed of the random stream; None continues the stream.
-          options: Places `robot` and `spot` for this episode; None for those of the task.
+          options: Dictionary: the start of `robot` and of `spot` in this episode. What is not given
+            keeps the environment's own start.
 
         Returns the observation, shape (S,), and the entries of `INFO`. Raises TypeError for an
         unknown option, ValueError for a place outside the arena or inside an obstacle.

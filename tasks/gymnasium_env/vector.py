@@ -73,7 +73,8 @@ class ArenaVectorEnv(RobotAttributes):
         """Initialises the batch.
 
         Args:
-          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life".
+          task: Name of a task, such as "wall_avoidance", see `musebot.ALL_TASKS`; or "life", which
+            needs the keyword `life`.
           num_envs: Number of robots, B.
           max_episode_steps: Length of an episode in control steps; None or -1 for endless ones.
           autoreset_mode: Start of the next episode. NEXT_STEP: the next call of `step` starts
@@ -144,11 +145,11 @@ class ArenaVectorEnv(RobotAttributes):
         """Starts an episode of every robot, or of some.
 
         Args:
-          seed: Seeds of the robots; or one seed s, which gives robot k the seed s + k. None
-            continues a robot's random stream.
-          options: Places `robot` and `spot` in these episodes, in place of the task's; and
-            `reset_mask`, Booleans of shape (B,), the robots that start an episode. All (default)
-            must start at the first reset, after a PhysicsError and in a life.
+          seed: A list of one seed per robot; or one number s, which gives robot k (from 0) the
+            seed s + k. A robot whose seed is None continues its random stream.
+          options: Dictionary: the start of `robot` and of `spot` in these episodes; and
+            `reset_mask`, an array of B Booleans, True for each robot that starts an episode. All
+            robots (default) must start at the first reset, after a PhysicsError and in a life.
 
         Returns the observations of all robots, shape (B, S), and the entries of `INFO`. Raises
         TypeError for an unknown option, ValueError for another number of seeds, a wrong mask or an

@@ -24,10 +24,10 @@ def capture(work: Work, device: torch.device, generator: torch.Generator | None 
     """Captures work as a CUDA graph, without doing it, and returns a function that does it.
 
     Args:
-      work: Function that must have been called before. It changes tensors in place, and reads none
-        of their numbers on the host.
+      work: Function to capture. It must have been called before, so that libraries have started.
+        It changes tensors in place, and reads none of their numbers on the host.
       device: CUDA device of the tensors.
-      generator: Random stream from which the work draws; a replay continues it.
+      generator: Random stream of `work`. Each call of the returned function draws new numbers.
     """
     with torch.cuda.device(device):
         graph = torch.cuda.CUDAGraph()

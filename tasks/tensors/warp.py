@@ -38,7 +38,7 @@ class WarpEngine:
     """Physics steps of B robots on the default device of PyTorch.
 
     Attributes:
-      device: Default device of PyTorch when the engine was made.
+      device: Device of the simulation: PyTorch's default device when the engine was made.
     """
 
     def __init__(self, model: mujoco.MjModel, robots: int, substeps: int) -> None:

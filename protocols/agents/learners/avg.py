@@ -100,7 +100,7 @@ def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     """Returns the action tanh(mean + spread * noise) and its log density, shapes (B, 2) and (B,).
 
     Args:
-      outputs: Both motors' means, then the logarithms of their spreads, shape (B, 4).
+      outputs: Both motors' means, then the logarithms of their standard deviations, shape (B, 4).
       noise: Standard normal numbers, shape (B, 2).
     """
     mean, log_spread = outputs.split(2, dim=1)

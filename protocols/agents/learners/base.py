@@ -62,7 +62,7 @@ class OnlineLearner(Agent):
       inputs: Number I of inputs of a network, one for each signal.
       generator: Random stream of all exploration and initial weights, shared by the robots.
       setting: Each setting by name: a number, or, where robots differ, a tensor of shape (B,).
-      discount: Factor by which rewards count less per step of delay, a number or a tensor (B,).
+      discount: Discount factor for each control step, a number or a tensor of shape (B,).
       now: Tensors of this step by name: "inputs", shape (B, I), and those that `pair` registered.
       before: The same tensors of the previous step.
     """
