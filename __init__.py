@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from .protocols.lives.run import Run
+    from .protocols.runs.run import Run
     from .tasks import ALL_TASKS, BENCHMARKING, PAPER, SUITE, TASKS_BY_DOMAIN
     from .tasks.arena import Environment
     from .tasks.rules import Rules
@@ -107,7 +107,7 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
         it holds is damaged, or lacks the networks.
     """
     with _brain_needed():
-        return _protocol("lives.run_files").read_run(pathlib.Path(out), networks=networks)
+        return _protocol("runs.run_files").read_run(pathlib.Path(out), networks=networks)
 
 
 def _protocol(module: str) -> Any:

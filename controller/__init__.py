@@ -8,8 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .brains import BRAINS, INGREDIENTS
 from .parameters import PROPOSERS, Parameters, Proposer
+from .presets import BRAINS, INGREDIENTS
 
 if TYPE_CHECKING:
     from .creative_memory import CreativeMemory, NoisePatterns

@@ -130,7 +130,7 @@ class Neurocontroller:
         return error
 
     # `select` and `update` are the work of `act` and `learn` on the device: a GPU captures and
-    # replays them (see `protocols.lives.device`). `begin` and `end` are the host's part.
+    # replays them (see `protocols.runs.device`). `begin` and `end` are the host's part.
 
     def begin(self) -> bool:
         """Begins a control step: the present step becomes the previous one.

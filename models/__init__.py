@@ -14,8 +14,7 @@ from .arena import (
     robot_pose,
     robot_qpos,
 )
-from .kinematic import Kinematics
-from .variants import (
+from .arena_variants import (
     add_noses,
     add_obstacles,
     add_velocity,
@@ -23,6 +22,7 @@ from .variants import (
     hide_spot,
     scale_torque,
 )
+from .kinematic import Kinematics
 
 __all__ = [
     "ARENA_XML",

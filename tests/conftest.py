@@ -61,7 +61,7 @@ class InProcess:
 
     def __call__(self, jobs, progress):
         from musebot.protocols.errors import Interrupted
-        from musebot.protocols.lives.jobs import run_job
+        from musebot.protocols.runs.jobs import run_job
 
         for job in jobs:
             if len(self.jobs) == self.most:
@@ -85,7 +85,7 @@ def commands_in_process(monkeypatch):
     """
     import torch
 
-    from musebot.protocols.lives import local
+    from musebot.protocols.runs import local
 
     monkeypatch.setattr(local, "Local", lambda processes: InProcess())
     threads = torch.get_num_threads()
@@ -107,8 +107,8 @@ def invented_lives(experiment, rows, seed=0):
 
     The minutes have the robots' times in the tests at their beginning.
     """
-    from musebot.protocols.lives.conditions import Condition
-    from musebot.protocols.lives.run import Lives, network_shapes
+    from musebot.protocols.runs.conditions import Condition
+    from musebot.protocols.runs.run import Lives, network_shapes
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
     schedule = experiment.life_of(condition.task)

@@ -32,9 +32,9 @@ def same(first, second):
 
 def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):
     """Returns a run of robots' rows, without networks and without events in its curves."""
-    from musebot.protocols.lives.conditions import Condition
-    from musebot.protocols.lives.experiment import Experiment
-    from musebot.protocols.lives.run import ConditionResults, Run
+    from musebot.protocols.runs.conditions import Condition
+    from musebot.protocols.runs.experiment import Experiment
+    from musebot.protocols.runs.run import ConditionResults, Run
 
     results = {}
     for row in rows:

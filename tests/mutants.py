@@ -40,7 +40,7 @@ LIBRARIES = (
 AREAS = {
     "controller": "controller/*.py fields.py compiled_equations.py",
     "tasks": "models/*.py tasks/*.py tasks/*/*.py",
-    "lives": "protocols/*.py protocols/examples/*.py protocols/lives/*.py",
+    "runs": "protocols/*.py protocols/examples/*.py protocols/runs/*.py",
     "agents": "protocols/agents/*.py protocols/agents/learners/*.py",
     "analysis": "protocols/analysis/*.py",
     "pages": "protocols/pages/*.py",

@@ -22,12 +22,12 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from musebot.controller.brains import BRAINS
+from musebot.controller.presets import BRAINS
 from musebot.models.kinematic import gaps
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.local import prepare_process
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.local import prepare_process
 from musebot.tasks import make_batch
 from musebot.tasks.starts import random_poses
 

@@ -4,9 +4,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 
 from musebot.controller import PROPOSERS, Parameters
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
 from musebot.tasks.lives import PAPER_LIVES
 from musebot.tasks.world import SENSORS, World
 

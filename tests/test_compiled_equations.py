@@ -17,14 +17,14 @@ from musebot.controller.compiled import CompiledNeurocontroller
 from musebot.controller.networks import load_into
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives import manifest
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.compiled import compilable, world_of
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.config import READINGS
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.runs import check_device
+from musebot.protocols.runs import manifest
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.compiled import compilable, world_of
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.config import READINGS
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.simulation import check_device
 from musebot.tasks.kinematic import make_kinematic_batch
 
 PROPOSERS = ("fixed", "random", "creative")

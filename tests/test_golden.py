@@ -15,10 +15,10 @@ import pytest
 import torch
 
 from musebot.controller import BRAINS
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.config import named_reading
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.config import named_reading
+from musebot.protocols.runs.experiment import Experiment
 
 GOLDEN = Path(__file__).with_name("golden.json")
 SMALL = dict(seed=20041, cohort_size=4, time_scale=0.002)

@@ -43,7 +43,12 @@ def run(*command, env=DRAWING, **keywords):
 def wheel(tmp_path_factory):
     """Path of a wheel that is built as `make dist` builds it."""
     folder = tmp_path_factory.mktemp("build")
-    skipped = shutil.ignore_patterns(".*", "docs", "runs", "build", "dist", "tests", "__pycache__")
+    own = shutil.ignore_patterns(".*", "__pycache__")
+    root = shutil.ignore_patterns(".*", "docs", "runs", "build", "dist", "tests", "__pycache__")
+
+    def skipped(directory, names):
+        return (root if Path(directory) == ROOT else own)(directory, names)
+
     shutil.copytree(ROOT, folder / "any-name", ignore=skipped)
     project = folder / "any-name" / "pyproject.toml"
     project.write_text(project.read_text().replace("example.org", "named.org"))

@@ -16,7 +16,7 @@ PACKAGES = ("models", "tasks", "controller", "protocols")
 LAYERS = (
     "errors examples exit_status machine progress storage terminal",
     "agents",
-    "lives",
+    "runs",
     "analysis",
     "pages",
     "compare",

@@ -17,7 +17,7 @@ GROUPS = (
     ("models", "Models", "musebot.models"),
     ("controller", "The paper's brain", "musebot.controller"),
     ("agents", "Agents", "musebot.protocols.agents"),
-    ("lives", "Lives and runs", "musebot.protocols.lives"),
+    ("runs", "Runs", "musebot.protocols.runs"),
     ("analysis", "Statistics", "musebot.protocols.analysis"),
     ("pages", "Tables, films and replay", "musebot.protocols.pages"),
 )

@@ -10,7 +10,7 @@ from tables import attributes, table
 from musebot.controller import BRAINS, Parameters
 from musebot.fields import described
 from musebot.models.kinematic import Kinematics
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.gymnasium_env.common import INFO
 
 
@@ -58,7 +58,7 @@ def _rows(cls: type) -> list[tuple[str, str, str]]:
 def _experiment() -> str:
     return f"""# Fields of an experiment
 
-All fields of `musebot.protocols.lives.experiment.Experiment`: the section
+All fields of `musebot.protocols.runs.experiment.Experiment`: the section
 `experiment` of a run's `experiment.json` and of a
 [configuration file](../command.md#a-configuration-file). Most are
 [options of `musebot run`](command.md#musebot-run).

@@ -7,8 +7,8 @@ from pathlib import Path
 from tables import table
 
 from musebot.protocols.agents.names import short_name
-from musebot.protocols.lives.run_files import read_measured, read_run
 from musebot.protocols.pages.markdown import particulars
+from musebot.protocols.runs.run_files import read_measured, read_run
 
 
 def pages(docs: Path) -> dict[str, str]:

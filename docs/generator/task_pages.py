@@ -10,7 +10,7 @@ from typing import Any
 from tables import first_line, table
 
 import musebot
-from musebot.models.variants import OBSTACLES, add_obstacles
+from musebot.models.arena_variants import OBSTACLES, add_obstacles
 from musebot.protocols.cli.listing import NAMES
 from musebot.tasks.arena import SUITE, TaskDefinition
 from musebot.tasks.episode import CONTROL_TIMESTEP

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...controller.brains import BRAINS
 from ...controller.neurocontroller import Neurocontroller
+from ...controller.presets import BRAINS
 from ...controller.senses import Senses
 from ..errors import InputError
 from .base import Agent

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...tasks.lives import Life, control_steps
-from ..lives.conditions import Condition
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.run import Run
 from .intervals import FEWEST, UNKNOWN, Interval
 
 FAILED = 0.1

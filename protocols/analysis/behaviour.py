@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
-from ..lives.conditions import Condition
+from ..runs.conditions import Condition
 
 _SECOND = round(1 / CONTROL_TIMESTEP)  # control steps
 _STATIONARY = 0.02  # [m/s]; speed below which a robot counts as stationary

@@ -14,9 +14,9 @@ from collections.abc import Callable
 from typing import Any, Literal, NamedTuple
 
 from ...controller import PROPOSERS
-from ..lives.conditions import Condition
-from ..lives.learn_ability import Summary
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.learn_ability import Summary
+from ..runs.run import Run
 from .behaviour import Behaviour
 from .hypothesis_tests import (
     ALPHA,

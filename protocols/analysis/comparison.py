@@ -8,12 +8,12 @@ import functools
 import numpy as np
 
 from ..errors import InputError, RunError
-from ..lives.cohort import make_agent, random_streams
-from ..lives.conditions import CohortKey, Condition
-from ..lives.experiment import Experiment
-from ..lives.learn_ability import CATEGORIES
-from ..lives.run import Run
 from ..progress import tracked
+from ..runs.cohort import make_agent, random_streams
+from ..runs.conditions import CohortKey, Condition
+from ..runs.experiment import Experiment
+from ..runs.learn_ability import CATEGORIES
+from ..runs.run import Run
 from . import intervals
 from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
 from .intervals import Interval

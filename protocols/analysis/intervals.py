@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
-from ..lives.learn_ability import Summary
+from ..runs.learn_ability import Summary
 
 LEVEL = 0.95
 

@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 
 from ...controller import PROPOSERS
-from ..lives.conditions import Condition
-from ..lives.learn_ability import CATEGORIES
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.learn_ability import CATEGORIES
+from ..runs.run import Run
 from .behaviour import Behaviour
 from .claims import (
     Claim,

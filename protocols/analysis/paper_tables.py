@@ -9,10 +9,10 @@ from types import MappingProxyType
 import numpy as np
 
 from ...tasks.lives import Life
-from ..lives.conditions import Condition
-from ..lives.experiment import Experiment
-from ..lives.learn_ability import CATEGORIES, Summary
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.experiment import Experiment
+from ..runs.learn_ability import CATEGORIES, Summary
+from ..runs.run import Run
 from . import intervals
 from .intervals import Interval
 

@@ -41,9 +41,9 @@ class Bench:
         import importlib.util
         import json
 
-        from ..lives.local import prepare_process
-        from ..lives.manifest import machine
         from ..machine import cores
+        from ..runs.local import prepare_process
+        from ..runs.manifest import machine
         from ..storage import check_place, resolved_file, write_atomically
         from ..terminal import notice
         from . import speed

@@ -67,7 +67,7 @@ class Doctor:
     def _check_agent(self, name: str) -> None:
         from ...controller.parameters import PROPOSERS
         from ..agents.contract import check_agent
-        from ..lives.local import prepare_process
+        from ..runs.local import prepare_process
 
         if name in PROPOSERS:
             raise InputError(f"{name} is a proposer of the brain, not an agent")

@@ -57,9 +57,9 @@ class Explore:
     def _driver(self) -> Driver | None:
         """Returns the driver; None for random motor values."""
         from ..agents.ppo import Policies, policy_file
-        from ..lives.run_files import read_run
         from ..pages.replay import StoredRobot, robots_named
         from ..pages.viewer import ArrowKeys, Driver
+        from ..runs.run_files import read_run
 
         if self.random:
             return None

@@ -64,8 +64,8 @@ class Film:
 
     def _episode(self, phase: str) -> Episode | Relived:
         from ..agents.ppo import Policies, policy_file
-        from ..lives.run_files import read_run
         from ..pages.replay import Episode, Relived, StoredRobot, robots_named
+        from ..runs.run_files import read_run
 
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from importlib.metadata import entry_points
 
-from ...controller.brains import INGREDIENTS
+from ...controller.presets import INGREDIENTS
 from ..errors import InputError, nearest
 from ..terminal import say
 from .options import argument

@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..machine import cores
 
 if TYPE_CHECKING:
-    from ..lives.jobs import Executor
+    from ..runs.jobs import Executor
 
 
 def option(
@@ -48,13 +48,13 @@ def executor(processes: int | None = None, ray: str | None = None, device: str =
     if processes is not None and (type(processes) is not int or processes < 1):
         raise InputError(f"processes must be a whole number of at least 1, got {processes!r:.60}")
     if ray is None:
-        from ..lives.local import Local
+        from ..runs.local import Local
 
         return Local(processes or cores() if device == "cpu" else 1)
     if device != "cpu":
         raise InputError(f"the device {device} is this machine's: Ray cannot be used with it")
     if processes is not None:
         raise InputError("--processes and --ray exclude each other: Ray uses its cluster's cores")
-    from ..lives.ray_cluster import RayCluster
+    from ..runs.ray_cluster import RayCluster
 
     return RayCluster(ray)

@@ -20,9 +20,9 @@ class Report:
 
     def __call__(self) -> None:
         """Simulates a sample of robots with their stored brains, and writes the page."""
-        from ..lives.local import prepare_process
-        from ..lives.run_files import read_run
         from ..pages import report
+        from ..runs.local import prepare_process
+        from ..runs.run_files import read_run
 
         run = read_run(self.out, replay=True)
         prepare_process()

@@ -14,11 +14,11 @@ from ..terminal import show_markdown
 from .options import argument, executor, option
 
 if TYPE_CHECKING:
-    from ..lives.conditions import Condition
-    from ..lives.config import Config
-    from ..lives.experiment import Experiment
-    from ..lives.plan import Plan
-    from ..lives.run import Run as FinishedRun
+    from ..runs.conditions import Condition
+    from ..runs.config import Config
+    from ..runs.experiment import Experiment
+    from ..runs.plan import Plan
+    from ..runs.run import Run as FinishedRun
 
 _ROBOTS = 60  # in each condition, unless --robots, --config or OUT says otherwise
 _FIELDS = ("seed", "time_scale", "body", "device")
@@ -73,8 +73,8 @@ class Run:
 
     def __call__(self) -> None:
         """Simulates, and prints the tables."""
-        from ..lives.run_files import TABLES_FILE
         from ..pages import tables
+        from ..runs.run_files import TABLES_FILE
         from ..storage import resolved, write_text
 
         out = resolved(self.out)  # an agent may change the working directory
@@ -87,11 +87,11 @@ class Run:
 
         Raises:
           InputError: a value is invalid, or OUT holds something else; nothing was done.
-          Interrupted, RunError, OSError: see `lives.runs.simulate`.
+          Interrupted, RunError, OSError: see `runs.simulation.simulate`.
         """
-        from ..lives.config import Config, read_config
-        from ..lives.run_files import planned
-        from ..lives.runs import simulate
+        from ..runs.config import Config, read_config
+        from ..runs.run_files import planned
+        from ..runs.simulation import simulate
 
         if not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
@@ -112,7 +112,7 @@ class Run:
     def _rows(self, config: Config) -> dict[Condition, int]:
         """Returns the number of robots that the file plans for each condition."""
         from ..agents.names import recorded_name
-        from ..lives.conditions import Condition
+        from ..runs.conditions import Condition
 
         try:
             rows: dict[Condition, int] = {}
@@ -138,9 +138,9 @@ class Run:
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
         """Returns the plan; a value is from the command, or else the file, OUT or the defaults."""
-        from ..lives.experiment import Experiment
-        from ..lives.manifest import check_identity
-        from ..lives.plan import Plan, changed, check_robots, default_cohort_size
+        from ..runs.experiment import Experiment
+        from ..runs.manifest import check_identity
+        from ..runs.plan import Plan, changed, check_robots, default_cohort_size
 
         if self.robots is not None:
             check_robots(self.robots)
@@ -164,7 +164,7 @@ class Run:
 
     def _lives(self, values: dict[str, Any]) -> list[str]:
         """Returns the names of the lives of --life; adds a life from a file to `values`."""
-        from ..lives.config import read_life
+        from ..runs.config import read_life
 
         names = []
         for word in self.life:
@@ -181,7 +181,7 @@ class Run:
         from ...controller import Parameters
         from ...models import Kinematics
         from ..agents.settings import settings_from
-        from ..lives.config import named_brain, named_reading, values_of
+        from ..runs.config import named_brain, named_reading, values_of
 
         values: dict[str, Any] = {}
         if self.reading is not None:
@@ -210,7 +210,7 @@ class Run:
         from ...controller import PROPOSERS
         from ...tasks.lives import PAPER_LIVES
         from ..agents.names import recorded_name
-        from ..lives.conditions import Condition
+        from ..runs.conditions import Condition
 
         known = rows or held
         chosen = (*self.proposer, *map(recorded_name, self.agent))
@@ -247,7 +247,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
     Raises:
       TypeError: an option is unknown.
       InputError: a value is invalid, or the folder holds something else; nothing was done.
-      Interrupted, RunError, OSError: see `lives.runs.simulate`.
+      Interrupted, RunError, OSError: see `runs.simulation.simulate`.
     """
     allowed = sorted(field.name for field in dataclasses.fields(Run) if field.name != "out")
     if unknown := sorted({*options} - {*allowed}):

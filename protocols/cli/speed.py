@@ -24,12 +24,12 @@ from ...tasks import Batch
 from ...tasks.batch import substeps_of
 from ...tasks.lives import PAPER_LIVES
 from ..errors import RunError
-from ..lives.cohort import Cohort
-from ..lives.conditions import CohortKey, Condition
-from ..lives.device import HOST
-from ..lives.experiment import BODIES, Experiment
-from ..lives.plan import Plan
-from ..lives.runs import check_device
+from ..runs.cohort import Cohort
+from ..runs.conditions import CohortKey, Condition
+from ..runs.device import HOST
+from ..runs.experiment import BODIES, Experiment
+from ..runs.plan import Plan
+from ..runs.simulation import check_device
 
 _POPULATION = Condition("spot_finding", "creative")
 SIMULATORS: dict[str, dict[str, Any]] = {

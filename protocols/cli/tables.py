@@ -29,8 +29,8 @@ class Tables:
     def __call__(self) -> None:
         """Reads the runs and prints the tables; writes no file."""
         from ..analysis.comparison import compare_runs
-        from ..lives.run_files import read_run
         from ..pages import tables
+        from ..runs.run_files import read_run
         from ..storage import resolved
 
         if self.compare:

@@ -17,11 +17,11 @@ from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, sho
 from ..agents.settings import settings_from
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, check_name, nearest
-from ..lives.conditions import Condition
-from ..lives.experiment import Backend, Body, Experiment, Signals
-from ..lives.plan import MOST_ROBOTS, Plan
-from ..lives.run import Run
-from ..lives.run_files import read_run
+from ..runs.conditions import Condition
+from ..runs.experiment import Backend, Body, Experiment, Signals
+from ..runs.plan import MOST_ROBOTS, Plan
+from ..runs.run import Run
+from ..runs.run_files import read_run
 from .bounds import bounds_job, matrix_of
 from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, simulate_runs

@@ -18,8 +18,8 @@ from ..agents.hand_coded import HandCoded, newborn
 from ..agents.informed import Informed
 from ..agents.senses import senses_of
 from ..analysis.adaptation import Bounds
-from ..lives.device import decide
-from ..lives.experiment import Experiment
+from ..runs.device import decide
+from ..runs.experiment import Experiment
 from .jobs import ArrayJob, Arrays, Progress
 
 ROBOTS, MINUTES = 30, 20

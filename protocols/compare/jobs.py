@@ -14,12 +14,12 @@ import numpy as np
 from ...tasks.lives import control_steps
 from ..agents.factory import trust
 from ..errors import InputError, RunError
-from ..lives.checkpoints import restored_cohort, save_checkpoint
-from ..lives.conditions import CohortKey, Condition
-from ..lives.experiment import Experiment
-from ..lives.jobs import Report, Stop
-from ..lives.manifest import check_identity
-from ..lives.run import check_same_shapes
+from ..runs.checkpoints import restored_cohort, save_checkpoint
+from ..runs.conditions import CohortKey, Condition
+from ..runs.experiment import Experiment
+from ..runs.jobs import Report, Stop
+from ..runs.manifest import check_identity
+from ..runs.run import check_same_shapes
 from ..storage import Shapes, load_arrays, remove_files, save_arrays
 
 CHECKPOINT = ".checkpoint"  # ending of the file from which work continues
@@ -56,7 +56,7 @@ class Progress:
 
 @dataclasses.dataclass(frozen=True)
 class ArrayJob:
-    """Does a piece of work, and stores the arrays that it returns; see `lives.jobs.Job`.
+    """Does a piece of work, and stores the arrays that it returns; see `runs.jobs.Job`.
 
     Attributes:
       path: File to which the arrays are written.

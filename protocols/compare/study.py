@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...fields import check
 from ..errors import DamagedFileError, InputError
-from ..lives.experiment import Experiment
-from ..lives.jobs import Executor, Job, execute
-from ..lives.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
-from ..lives.plan import Plan
-from ..lives.run_files import planned
-from ..lives.runs import UnfinishedRun
 from ..pages import style
+from ..runs.experiment import Experiment
+from ..runs.jobs import Executor, Job, execute
+from ..runs.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
+from ..runs.plan import Plan
+from ..runs.run_files import planned
+from ..runs.simulation import UnfinishedRun
 from ..storage import (
     check_folder,
     check_own_folder,
@@ -120,7 +120,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
 
     Raises:
       InputError: OUT holds other files, another study, or another physics; nothing was done.
-      Interrupted, RunError: see `lives.jobs.Executor`; a repeated call continues the study.
+      Interrupted, RunError: see `runs.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
     out = resolved(out)  # links below it are not followed

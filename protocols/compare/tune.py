@@ -23,11 +23,11 @@ from ..agents.names import recorded_name, run_words, short_name
 from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError, check_name
-from ..lives.conditions import Condition, check_proposer
-from ..lives.experiment import Experiment, Signals
-from ..lives.manifest import UNREADABLE
-from ..lives.plan import MOST_ROBOTS, Plan, check_memory
 from ..pages.markdown import mean_cell, table
+from ..runs.conditions import Condition, check_proposer
+from ..runs.experiment import Experiment, Signals
+from ..runs.manifest import UNREADABLE
+from ..runs.plan import MOST_ROBOTS, Plan, check_memory
 from ..storage import read_json
 from .jobs import ArrayJob, lives
 from .study import STUDY_FILE, Page, RunJobs, Study

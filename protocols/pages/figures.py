@@ -15,10 +15,10 @@ from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
 from ..analysis.paper_tables import paper_column
-from ..lives.conditions import Condition
-from ..lives.experiment import Experiment
-from ..lives.learn_ability import CATEGORIES, Summary
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.experiment import Experiment
+from ..runs.learn_ability import CATEGORIES, Summary
+from ..runs.run import Run
 from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks, mark_changes
 
 _NAMES = {"pre": "test", "training": "training", "post": "test"}  # of stages

@@ -16,8 +16,8 @@ import numpy as np
 
 from ...tasks import CONTROL_TIMESTEP
 from ..errors import InputError
-from ..lives.local import END_SIGNALS, handling
 from ..progress import tracked
+from ..runs.local import END_SIGNALS, handling
 from ..storage import check_place, remove_drafts, resolved_file, write_atomically
 from ..terminal import notice
 from .panel import Panel

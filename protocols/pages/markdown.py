@@ -12,7 +12,7 @@ import numpy as np
 
 from ..analysis import intervals
 from ..analysis.intervals import Interval
-from ..lives.experiment import Experiment, differing
+from ..runs.experiment import Experiment, differing
 
 MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of its range"
 """How the intervals of means are computed."""

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...tasks.lives import control_steps
 from ..analysis.behaviour import Behaviour, Track, spins, stay_of
-from ..lives.conditions import Condition
-from ..lives.run import WHEN, Run, When
+from ..runs.conditions import Condition
+from ..runs.run import WHEN, Run, When
 from .replay import SEED, evaluate, stored_brains, watch
 
 SAMPLE = 60  # robots observed in each condition, the first valid ones

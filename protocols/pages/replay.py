@@ -26,12 +26,12 @@ from ..agents.factory import trust
 from ..agents.names import recorded_name, short_name
 from ..analysis.behaviour import Track
 from ..errors import InputError, check_name
-from ..lives.cohort import Cohort, fused_life, make_agent
-from ..lives.conditions import CohortKey, Condition
-from ..lives.device import decide
-from ..lives.experiment import Experiment
-from ..lives.run import Run, When
 from ..progress import tracked
+from ..runs.cohort import Cohort, fused_life, make_agent
+from ..runs.conditions import CohortKey, Condition
+from ..runs.device import decide
+from ..runs.experiment import Experiment
+from ..runs.run import Run, When
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies

@@ -16,8 +16,8 @@ from ... import __version__
 from ..agents.names import short_name
 from ..analysis.behaviour import Behaviour
 from ..errors import InputError
-from ..lives.conditions import Condition
-from ..lives.run import Run
+from ..runs.conditions import Condition
+from ..runs.run import Run
 from ..storage import (
     check_own_folder,
     check_place,

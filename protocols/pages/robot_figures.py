@@ -18,8 +18,8 @@ from ...tasks import Robots
 from ...tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..analysis.behaviour import Track
-from ..lives.conditions import Condition
-from ..lives.run import WHEN, Run, When
+from ..runs.conditions import Condition
+from ..runs.run import WHEN, Run, When
 from .replay import evaluate, stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 

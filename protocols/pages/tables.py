@@ -15,10 +15,10 @@ from ..analysis.claims import ClaimResult
 from ..analysis.hypothesis_tests import ALPHA, same_classes
 from ..analysis.paper_claims import judge_all
 from ..analysis.paper_tables import Column, column, paper_column, row_names
-from ..lives.conditions import Condition
-from ..lives.experiment import Experiment, differing
-from ..lives.learn_ability import CATEGORIES, total_variation
-from ..lives.run import FEW, Run
+from ..runs.conditions import Condition
+from ..runs.experiment import Experiment, differing
+from ..runs.learn_ability import CATEGORIES, total_variation
+from ..runs.run import FEW, Run
 from . import markdown as md
 
 VARIATION = "total variation"

@@ -18,7 +18,7 @@ from ...tasks.suite import TASKS
 from ...tasks.world import World
 from ..agents.names import short_name
 from ..errors import InputError, check_name
-from ..lives.experiment import Experiment
+from ..runs.experiment import Experiment
 from .replay import Act, StoredRobot, policy_act
 
 if TYPE_CHECKING:

@@ -15,10 +15,10 @@ from musebot.protocols.agents.factory import factory_of, trust
 from musebot.protocols.agents.names import RECORDED_NAMES, recorded_name, short_name
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import make_agent, random_streams
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run_files import read_run
+from musebot.protocols.runs.cohort import make_agent, random_streams
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run_files import read_run
 from musebot.protocols.storage import read_json, write_json
 
 GUIDE = Path(__file__).parents[2] / "docs" / "agents.md"

@@ -8,9 +8,9 @@ from musebot.protocols.agents.hand_coded import hand_coded, newborn
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import make_agent
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.cohort import make_agent
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.starts import random_poses, random_spots
 
 

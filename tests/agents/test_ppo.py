@@ -9,9 +9,9 @@ from musebot.protocols.agents import ppo
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
 from musebot.protocols.agents.senses import senses_of
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives.cohort import Cohort, make_agent
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.cohort import Cohort, make_agent
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
 

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 import musebot
-from musebot.controller.brains import BRAINS
+from musebot.controller.presets import BRAINS
 from musebot.controller.senses import Encoding, Senses, Signal
 from musebot.protocols.agents.hand_coded import HandCoded
 from musebot.protocols.agents.senses import RawSignals, raw_senses, senses_of

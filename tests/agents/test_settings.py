@@ -13,8 +13,8 @@ from musebot.protocols.agents.settings import (
 )
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.run_files import planned
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.run_files import planned
 
 
 @tunable(rate=Setting(0.1, 0.01, 1.0, log=True, each=True), tiles=Setting(4, 2, 8))

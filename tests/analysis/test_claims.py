@@ -13,10 +13,10 @@ from musebot.protocols.analysis import hypothesis_tests
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
 from musebot.protocols.analysis.claims import Claim, Evidence, judge
 from musebot.protocols.analysis.paper_claims import CLAIMS, judge_all
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import tables
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"

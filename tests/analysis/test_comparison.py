@@ -11,12 +11,12 @@ from musebot.controller import Parameters
 from musebot.models import Kinematics
 from musebot.protocols.analysis.comparison import CELLS, _newborns, compare_runs, is_paired
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.learn_ability import CATEGORIES, category, learn_ability
-from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import tables
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.learn_ability import CATEGORIES, category, learn_ability
+from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"

@@ -13,8 +13,8 @@ from scipy import stats
 from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.intervals import ABILITY, SHARE
 from musebot.protocols.analysis.paper_tables import PAPER
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.learn_ability import Summary
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.learn_ability import Summary
 
 quick = settings(deadline=None, max_examples=30)
 NAN = math.nan

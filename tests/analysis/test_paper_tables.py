@@ -8,9 +8,9 @@ from helpers import run_of_rows
 
 from musebot.protocols.analysis.paper_tables import PAPER, column, paper_column, row_names
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Robot
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import WALL_AVOIDANCE
 
 KEPT = Path(__file__).parents[2] / "docs" / "results"

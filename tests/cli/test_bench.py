@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import speed
 from musebot.protocols.errors import RunError
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
 
 TIMES = st.lists(st.tuples(*[st.floats(1e-6, 1e3)] * 2), min_size=1, max_size=9)
 

@@ -15,11 +15,11 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import run as module
 from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.config import READINGS, Config, read_life
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import MANIFEST, read_manifest
-from musebot.protocols.lives.plan import Plan
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.config import READINGS, Config, read_life
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.manifest import MANIFEST, read_manifest
+from musebot.protocols.runs.plan import Plan
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}
 SF = Condition("spot_finding", "creative")

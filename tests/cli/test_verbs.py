@@ -11,10 +11,10 @@ from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.agents.settings import settings_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli.listing import NAMES
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.runs import simulate
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.simulation import simulate
 from musebot.tasks.arena import SUITE
 from musebot.tasks.lives import LIVES
 

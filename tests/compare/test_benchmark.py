@@ -14,7 +14,7 @@ from musebot.protocols.compare.benchmark import HEADLINE, LEARNERS, Benchmark, n
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
 TINY = {"robots": 2, "time_scale": 0.0005, "life": ("body",)}

@@ -23,9 +23,9 @@ from musebot.protocols.compare.study import (
     simulate_runs,
 )
 from musebot.protocols.errors import DamagedFileError, InputError, Interrupted
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
 from musebot.protocols.storage import locked, write_json
 
 WALLS = [Condition("wall_avoidance", proposer) for proposer in ("fixed", "random")]

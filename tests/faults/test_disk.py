@@ -16,9 +16,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from musebot.protocols.cli import parser as cli
-from musebot.protocols.lives import jobs
-from musebot.protocols.lives.run_files import RESULTS_FILE, read_run
 from musebot.protocols.pages import film, measured_behaviour, report
+from musebot.protocols.runs import jobs
+from musebot.protocols.runs.run_files import RESULTS_FILE, read_run
 
 GROWING = {"mkdir", "create", "write", "fsync", "replace"}  # what a full disk refuses
 MODES = (errno.ENOSPC, errno.EIO, errno.EACCES, "full", "dead")

@@ -17,11 +17,11 @@ from pathlib import Path
 
 import pytest
 
-from musebot.protocols.lives import jobs
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.runs import simulate
+from musebot.protocols.runs import jobs
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.simulation import simulate
 
 # Commands, forked from one process that has imported everything: kills then fall into the work,
 # not into imports. Checkpoints are saved more often than their users would.
@@ -30,10 +30,10 @@ import contextlib, json, os, signal, sys
 from multiprocessing import get_context
 from musebot.protocols.cli import parser
 from musebot.protocols.compare import jobs, tune
-from musebot.protocols.lives import local, runs
+from musebot.protocols.runs import local, simulation
 from musebot.protocols.pages import tables
 with contextlib.suppress(ImportError):
-    from musebot.protocols.lives import compiled
+    from musebot.protocols.runs import compiled
 
 jobs.SAVE_EVERY = 0.05
 local.multiprocessing.get_context = lambda method: get_context("fork")

@@ -16,11 +16,11 @@ from hostile.mutations import one
 from musebot.protocols.cli import doctor, speed, verbs
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import Interrupted
-from musebot.protocols.lives import local
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.jobs import CohortJob
-from musebot.protocols.lives.plan import cohort_bytes
 from musebot.protocols.pages import film, measured_behaviour
+from musebot.protocols.runs import local
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.jobs import CohortJob
+from musebot.protocols.runs.plan import cohort_bytes
 
 SEED = 20041
 WORK_BEGINS = 130  # the exit status where the work would begin, which the tests interrupt

@@ -17,14 +17,14 @@ from hostile.mutations import one
 from musebot.protocols import exit_status
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.ppo import Policies, policy_shapes
-from musebot.protocols.lives import checkpoints
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import write_manifest
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.run_files import read_run, write_results
+from musebot.protocols.runs import checkpoints
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.manifest import write_manifest
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.run import Robot
+from musebot.protocols.runs.run_files import read_run, write_results
 from musebot.protocols.storage import load_arrays, save_arrays
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")

@@ -11,14 +11,14 @@ import pytest
 from PIL import Image
 
 from musebot.protocols.agents import ppo
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Run
-from musebot.protocols.lives.run_files import read_run
-from musebot.protocols.lives.runs import simulate
 from musebot.protocols.pages import style
 from musebot.protocols.pages.replay import StoredRobot
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.run import Run
+from musebot.protocols.runs.run_files import read_run
+from musebot.protocols.runs.simulation import simulate
 from musebot.protocols.storage import save_arrays
 from musebot.tasks.suite import TASKS
 

@@ -10,10 +10,10 @@ from helpers import run_of_rows
 
 from musebot.protocols.analysis import intervals
 from musebot.protocols.analysis.behaviour import Behaviour, Stay
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import figures, style
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import LIVES
 
 WA, SF = "wall_avoidance", "spot_finding"

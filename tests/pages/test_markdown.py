@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
-from musebot.protocols.lives.experiment import Experiment
 from musebot.protocols.pages import markdown
+from musebot.protocols.runs.experiment import Experiment
 
 OTHER = Experiment(
     seed=7, body="kinematic", kinematics=Kinematics(wheel_base=0.055), brain=BRAINS["steady"]

@@ -9,10 +9,10 @@ import pytest
 
 from musebot.controller import Parameters
 from musebot.protocols.analysis.behaviour import spins
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.run import ConditionResults, Run
 from musebot.protocols.pages import measured_behaviour
 from musebot.protocols.pages.replay import evaluate
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.run import ConditionResults, Run
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 

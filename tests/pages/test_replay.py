@@ -12,10 +12,6 @@ import pytest
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Run, results_of
 from musebot.protocols.pages import replay
 from musebot.protocols.pages.replay import (
     AFTER,
@@ -26,6 +22,10 @@ from musebot.protocols.pages.replay import (
     StoredRobot,
     robots_named,
 )
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import Run, results_of
 from musebot.tasks import make_batch
 from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.suite import TASKS

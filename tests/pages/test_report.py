@@ -15,11 +15,11 @@ from helpers import run_of_rows
 from musebot import __version__
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.manifest import MANIFEST
-from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.run_files import read_run
 from musebot.protocols.pages import film, report, tables
 from musebot.protocols.pages.report import page
+from musebot.protocols.runs.manifest import MANIFEST
+from musebot.protocols.runs.run import Robot
+from musebot.protocols.runs.run_files import read_run
 from musebot.protocols.storage import write_json
 
 

@@ -9,10 +9,10 @@ from helpers import run_of_rows
 from matplotlib.figure import Figure
 
 from musebot.protocols.analysis.behaviour import Track
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import robot_figures, style
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import Robot
 from musebot.tasks import make_batch
 
 WA, SF = "wall_avoidance", "spot_finding"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from musebot.models import Dimensions, half_size
-from musebot.models.variants import OBSTACLES
+from musebot.models.arena_variants import OBSTACLES
 from musebot.protocols.pages import scene
 from musebot.protocols.pages.replay import Moment
 from musebot.protocols.pages.scene import Trail

@@ -11,11 +11,11 @@ from helpers import run_of_rows
 from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.analysis.comparison import compare_runs
 from musebot.protocols.analysis.paper_tables import column
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.learn_ability import CATEGORIES
-from musebot.protocols.lives.run import Robot
 from musebot.protocols.pages import tables
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.learn_ability import CATEGORIES
+from musebot.protocols.runs.run import Robot
 
 WA = "wall_avoidance"
 

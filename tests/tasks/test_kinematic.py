@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, Kinematics, arena_spec
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks import make_batch, make_kinematic_batch
 
 SIZE = Dimensions.of(arena_spec().compile())

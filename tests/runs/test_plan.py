@@ -10,13 +10,13 @@ from strategies import CONDITIONS, plans, quick
 from musebot.controller import BRAINS, Parameters
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives import plan as module
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan, check_memory, cohort_bytes, default_cohort_size
-from musebot.protocols.lives.run import Robot
-from musebot.protocols.lives.run_files import RESULTS_FILE, write_results
-from musebot.protocols.lives.runs import check_agents
+from musebot.protocols.runs import plan as module
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan, check_memory, cohort_bytes, default_cohort_size
+from musebot.protocols.runs.run import Robot
+from musebot.protocols.runs.run_files import RESULTS_FILE, write_results
+from musebot.protocols.runs.simulation import check_agents
 from musebot.tasks.lives import PAPER_LIVES
 
 MEGABYTE = 2**20

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from musebot.controller import BRAINS
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import BODIES, Experiment
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import BODIES, Experiment
 from musebot.tasks.lives import CHANGING, UPPER_LEFT, UPPER_RIGHT
 
 ROBOTS = 3
@@ -266,7 +266,7 @@ def test_a_robot_with_a_weight_that_is_not_finite_is_stopped_at_the_end_of_a_min
 def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
     healthy = small_cohort().agent
     healthy.weights()["evaluation.hidden_weights"][2] = np.inf
-    monkeypatch.setattr("musebot.protocols.lives.cohort.make_agent", lambda *of: healthy)
+    monkeypatch.setattr("musebot.protocols.runs.cohort.make_agent", lambda *of: healthy)
     assert small_cohort().valid.tolist() == [True, True, False]
 
 

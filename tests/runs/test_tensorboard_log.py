@@ -8,12 +8,12 @@ import pytest
 
 import musebot
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.lives.checkpoints import checkpoint_file, save_checkpoint
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.runs import UnfinishedRun, simulate
+from musebot.protocols.runs.checkpoints import checkpoint_file, save_checkpoint
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.simulation import UnfinishedRun, simulate
 
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "fixed")
 SHORT = {"cohort_size": 2, "time_scale": 0.0065, "body": "kinematic", "backend": "numba"}
@@ -85,7 +85,7 @@ def test_the_curve_of_running_cohorts_ends_where_the_slowest_is_without_stopped_
 
 def test_the_log_is_updated_while_jobs_run_where_it_is_due(tmp_path, monkeypatch):
     pytest.importorskip("tensorboard")
-    from musebot.protocols.lives import tensorboard_log
+    from musebot.protocols.runs import tensorboard_log
 
     now, curve = [0.0], np.zeros(2)
     run = UnfinishedRun(tmp_path, plan(), {}, [], {})

@@ -14,7 +14,7 @@ from ..terminal import notice
 from .conditions import Condition
 
 if TYPE_CHECKING:
-    from .runs import UnfinishedRun
+    from .simulation import UnfinishedRun
 
 try:
     from torch.utils.tensorboard import SummaryWriter

@@ -10,9 +10,9 @@ from strategies import CONDITIONS, experiments, quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import random_streams
-from musebot.protocols.lives.conditions import CohortKey
-from musebot.protocols.lives.experiment import Experiment, differing
+from musebot.protocols.runs.cohort import random_streams
+from musebot.protocols.runs.conditions import CohortKey
+from musebot.protocols.runs.experiment import Experiment, differing
 from musebot.tasks.lives import LIVES, WALL_AVOIDANCE
 
 # Parameters

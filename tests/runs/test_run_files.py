@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import MANIFEST, write_manifest
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Lives, joined, network_shapes
-from musebot.protocols.lives.run_files import (
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.manifest import MANIFEST, write_manifest
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.run import Lives, joined, network_shapes
+from musebot.protocols.runs.run_files import (
     RESULTS_FILE,
     ROBOTS_FILE,
     planned,
@@ -129,7 +129,7 @@ def test_the_export_has_a_row_for_each_robot_and_nothing_reads_it(folder):
 
 
 def test_the_export_is_never_older_than_the_results(folder, monkeypatch):
-    monkeypatch.setattr("musebot.protocols.lives.run_files.save_arrays", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("musebot.protocols.runs.run_files.save_arrays", lambda *_, **__: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 6), SPOT: sample(SPOT, 4)})
     assert len((folder / ROBOTS_FILE).read_text().splitlines()) == 11

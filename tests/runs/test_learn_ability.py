@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from musebot.protocols.lives.learn_ability import (
+from musebot.protocols.runs.learn_ability import (
     Summary,
     category,
     classes,

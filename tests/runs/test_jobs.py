@@ -11,11 +11,11 @@ from helpers import files_below
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.protocols.compare.jobs import ArrayJob, lives
 from musebot.protocols.errors import RunError
-from musebot.protocols.lives import jobs
-from musebot.protocols.lives.checkpoints import read_lives
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.jobs import CohortJob, execute, run_job
+from musebot.protocols.runs import jobs
+from musebot.protocols.runs.checkpoints import read_lives
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.jobs import CohortJob, execute, run_job
 from musebot.tasks.batch import CapacityError
 
 SHORT = Experiment(cohort_size=2, time_scale=0.0005, body="kinematic")

@@ -8,16 +8,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.analysis.comparison import compare_runs
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.run import (
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.run import (
     ConditionResults,
     Lives,
     Robot,
     Run,
     results_of,
 )
-from musebot.protocols.lives.run_files import export_robots
+from musebot.protocols.runs.run_files import export_robots
 from musebot.protocols.pages import figures, tables
 
 quick = settings(deadline=None, max_examples=50)

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from ...controller.brains import BRAINS
+from ...controller.presets import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import shown
 from ...models import Dimensions, Kinematics

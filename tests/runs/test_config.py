@@ -11,9 +11,9 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.config import named_brain, read_config, values_of
-from musebot.protocols.lives.experiment import Experiment, brain_name, overrides_of
-from musebot.protocols.lives.plan import changed
+from musebot.protocols.runs.config import named_brain, read_config, values_of
+from musebot.protocols.runs.experiment import Experiment, brain_name, overrides_of
+from musebot.protocols.runs.plan import changed
 
 EXAMPLE = """
 experiment.seed = 7

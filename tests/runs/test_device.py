@@ -16,12 +16,12 @@ from torch.utils._pytree import tree_leaves
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.cohort import Cohort, advance_together
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.device import robots_on_device
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.runs import check_device
+from musebot.protocols.runs.cohort import Cohort, advance_together
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.device import robots_on_device
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.simulation import check_device
 from musebot.tasks.tensors import capture
 
 PROPOSERS = ("fixed", "random", "creative")

@@ -15,9 +15,9 @@ import time
 import pytest
 
 from musebot.protocols.errors import InputError, Interrupted, RunError
-from musebot.protocols.lives import local
-from musebot.protocols.lives.jobs import execute
-from musebot.protocols.lives.local import (
+from musebot.protocols.runs import local
+from musebot.protocols.runs.jobs import execute
+from musebot.protocols.runs.local import (
     Local,
     children_without_script,
     handling,
@@ -68,7 +68,7 @@ class Write:
         if self.fails == "full disk":
             raise OSError(28, "No space left on device")
         if self.fails == "killed with a lock":
-            from musebot.protocols.lives import local
+            from musebot.protocols.runs import local
 
             local._REPORTS._wlock.acquire()
             os.kill(os.getpid(), signal.SIGKILL)
@@ -300,7 +300,7 @@ def cluster(kinds):
 @pytest.fixture(scope="module")
 def connected(cluster):
     """An executor, whose processes the tests share: to start one takes seconds."""
-    ray_cluster = importlib.import_module("musebot.protocols.lives.ray_cluster")
+    ray_cluster = importlib.import_module("musebot.protocols.runs.ray_cluster")
     ray_cluster.RayCluster(cluster)
     return ray_cluster.RayCluster(cluster)  # as the second command of a process
 
@@ -308,7 +308,7 @@ def connected(cluster):
 @pytest.mark.slow
 @pytest.mark.night
 def test_the_jobs_of_a_lost_node_continue_elsewhere(cluster, kinds, tmp_path):
-    from musebot.protocols.lives.ray_cluster import RayCluster
+    from musebot.protocols.runs.ray_cluster import RayCluster
 
     lost = started_node("--address", cluster, "--num-cpus", "1")
 
@@ -324,7 +324,7 @@ def test_the_jobs_of_a_lost_node_continue_elsewhere(cluster, kinds, tmp_path):
 
 def test_an_address_at_which_ray_might_start_an_open_cluster_is_refused(monkeypatch):
     ray = pytest.importorskip("ray")
-    ray_cluster = importlib.import_module("musebot.protocols.lives.ray_cluster")
+    ray_cluster = importlib.import_module("musebot.protocols.runs.ray_cluster")
     monkeypatch.setattr(ray, "init", lambda *of, **options: pytest.fail("Ray was started"))
     for address in ("local", "auto", "", "h:1 ", "localhost", "ray://", "a b:1", "h:123456"):
         with pytest.raises(InputError, match="^the address must be host:port, got "):

@@ -12,17 +12,17 @@ from helpers import files_below
 
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError, Interrupted
-from musebot.protocols.lives import runs
-from musebot.protocols.lives.checkpoints import finished_file, save_lives
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import Condition
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.local import Local
-from musebot.protocols.lives.manifest import MANIFEST
-from musebot.protocols.lives.plan import Plan
-from musebot.protocols.lives.run import Lives
-from musebot.protocols.lives.run_files import RESULTS_FILE, ROBOTS_FILE, read_run
-from musebot.protocols.lives.runs import (
+from musebot.protocols.runs import simulation
+from musebot.protocols.runs.checkpoints import finished_file, save_lives
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.local import Local
+from musebot.protocols.runs.manifest import MANIFEST
+from musebot.protocols.runs.plan import Plan
+from musebot.protocols.runs.run import Lives
+from musebot.protocols.runs.run_files import RESULTS_FILE, ROBOTS_FILE, read_run
+from musebot.protocols.runs.simulation import (
     UnfinishedRun,
     check_agents,
     check_same_weights,
@@ -107,8 +107,8 @@ def test_a_finished_run_can_be_enlarged_and_is_never_made_smaller(part, run, who
 
 
 def test_a_finished_run_is_not_simulated_again_and_says_so(whole, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10)
-    monkeypatch.setattr(runs, "check_device", pytest.fail)  # it needs neither
+    monkeypatch.setattr("musebot.protocols.runs.plan.machine_bytes", lambda: 10)
+    monkeypatch.setattr(simulation, "check_device", pytest.fail)  # it needs neither
     shutil.copytree(whole[0], folder := tmp_path / "run")
     with_other_physics(folder)  # as little
     before = files_below(folder)
@@ -169,7 +169,7 @@ def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begu
     with locked(tmp_path / "run"), pytest.raises(InputError, match="another musebot .*is running"):
         run(tmp_path / "run", plan(), pytest.fail)
     assert not files_below(tmp_path)
-    monkeypatch.setattr("musebot.protocols.lives.plan.machine_bytes", lambda: 10**6)
+    monkeypatch.setattr("musebot.protocols.runs.plan.machine_bytes", lambda: 10**6)
     large = plan(1000, cohort_size=1000)
     with pytest.raises(InputError, match="would need about .* of memory; this machine has"):
         run(tmp_path / "new", large, pytest.fail)

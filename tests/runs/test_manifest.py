@@ -16,9 +16,9 @@ from strategies import CONDITIONS, plans, quick
 from musebot.controller import BRAINS
 from musebot.models import Kinematics, arena_spec, kinematic
 from musebot.protocols.errors import DamagedFileError, InputError
-from musebot.protocols.lives import manifest
-from musebot.protocols.lives.experiment import Experiment
-from musebot.protocols.lives.manifest import (
+from musebot.protocols.runs import manifest
+from musebot.protocols.runs.experiment import Experiment
+from musebot.protocols.runs.manifest import (
     MANIFEST,
     check_identity,
     check_physics,
@@ -29,7 +29,7 @@ from musebot.protocols.lives.manifest import (
     same_physics,
     write_manifest,
 )
-from musebot.protocols.lives.plan import Plan
+from musebot.protocols.runs.plan import Plan
 from musebot.protocols.storage import write_json
 from musebot.tasks import arena
 
@@ -191,7 +191,7 @@ def test_the_commit_is_this_packages_and_says_whether_files_were_changed(tmp_pat
     assert (Path(manifest.__file__).parents[2] / "__main__.py").exists()  # `_commit` asks Git there
 
     def commit(root):
-        monkeypatch.setattr(manifest, "__file__", str(root / "protocols" / "lives" / "manifest.py"))
+        monkeypatch.setattr(manifest, "__file__", str(root / "protocols" / "runs" / "manifest.py"))
         return manifest._commit.__wrapped__()
 
     script = "git init -q; echo 1 > file; git add file; git commit -qm one; git rev-parse HEAD"

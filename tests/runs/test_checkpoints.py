@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from musebot.protocols.errors import DamagedFileError
-from musebot.protocols.lives.checkpoints import (
+from musebot.protocols.runs.checkpoints import (
     checkpoint_file,
     finished_file,
     read_lives,
@@ -17,9 +17,9 @@ from musebot.protocols.lives.checkpoints import (
     save_checkpoint,
     save_lives,
 )
-from musebot.protocols.lives.cohort import Cohort
-from musebot.protocols.lives.conditions import CohortKey, Condition
-from musebot.protocols.lives.experiment import Experiment
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.conditions import CohortKey, Condition
+from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.storage import load_arrays, save_arrays
 
 KEY = CohortKey(Condition("wall_avoidance", "creative"), 1)

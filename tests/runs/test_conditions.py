@@ -6,7 +6,7 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols.errors import InputError
-from musebot.protocols.lives.conditions import CohortKey, Condition, check_proposer
+from musebot.protocols.runs.conditions import CohortKey, Condition, check_proposer
 from musebot.tasks.lives import LIVES
 
 AGENTS = ("a.b:c", "z:y")

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
-from ...controller.brains import BRAINS
+from ...controller.presets import BRAINS
 from ...controller.parameters import Parameters
 from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, centre_nose, scale_torque
