@@ -37,7 +37,7 @@ class EchoContext:
         Args:
           robots: Number B of robots.
           inputs: Number I of network inputs without the context.
-          units: Number C of units.
+          units: Number C of context units.
           generator: Random stream from which the connections are drawn.
         """
         self.values = torch.zeros(robots, units)

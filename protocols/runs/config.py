@@ -73,7 +73,7 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
 
     Args:
       words: Words NAME=VALUE; a number or JSON (true, [1,2]) as VALUE is decoded, else it is text.
-      known: Names that the words may set.
+      known: Names that may stand before "=".
 
     Raises:
       InputError: a word has another form, or a name is unknown or given twice.

@@ -163,7 +163,7 @@ class Robot:
 
     Attributes:
       task: Name of the robot's life, such as "spot_finding".
-      proposer: Proposer of the robot's actions, or the factory of its agent.
+      proposer: Name of the proposer of the robot's actions, or of its agent's factory.
       seed: Seed of the experiment, equal for all robots of a run.
       cohort: Number of the robot's cohort within the condition, from 0.
       robot: Number of the robot within the condition, from 0.
