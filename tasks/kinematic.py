@@ -9,7 +9,7 @@ import numpy as np
 
 from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
 from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
-from .arena import Edit
+from .arena import Edit, TaskDefinition
 from .batch import Robots
 from .episode import CONTROL_TIMESTEP
 from .rules import Rules, SensorLayout
@@ -140,6 +140,19 @@ def measure(
     sensordata[:, first : first + 2] = spot_from_nose(poses, spots, size)
 
 
+def kinematic_definition(task_name: str) -> TaskDefinition:
+    """Returns a task's definition; ValueError unless its robot and arena are the paper's.
+
+    The kinematic simulator has no pillars and no second nose.
+    """
+    definition = task_definition(task_name)
+    if definition.model != ARENA_XML or not {*definition.edits} <= {hide_spot, add_velocity}:
+        raise ValueError(
+            f"the kinematic simulator has the paper's robot and arena only, unlike {task_name}"
+        )
+    return definition
+
+
 def make_kinematic_batch(
     task_name: str,
     robots: int,
@@ -151,17 +164,12 @@ def make_kinematic_batch(
 ) -> KinematicBatch:
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
-    The arguments are those of `make_batch`, with `kinematics` in place of `threads`. The task must
-    have the paper's robot and arena: no pillars, no second nose. Edits count only as far as they
-    change the model's `Dimensions`.
+    The arguments are those of `make_batch`, with `kinematics` in place of `threads`. Edits count
+    only as far as they change the model's `Dimensions`.
 
-    Raises ValueError for another task or a value out of range.
+    Raises ValueError for a task that `kinematic_definition` refuses, or a value out of range.
     """
-    definition = task_definition(task_name)
-    if definition.model != ARENA_XML or not {*definition.edits} <= {hide_spot, add_velocity}:
-        raise ValueError(
-            f"a task of the kinematic simulator must have the paper's arena, got {task_name!r}"
-        )
+    definition = kinematic_definition(task_name)
     model = definition.spec(motor_speed, edits).compile()
     rules = definition.rules.of(model, nose)
     return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)

@@ -10,6 +10,7 @@ from typing import Any
 
 from ...controller.creative_memory import NoisePatterns
 from ...fields import shown
+from ...tasks.kinematic import kinematic_definition
 from ...tasks.world import World
 from ..errors import InputError
 from ..machine import machine_bytes
@@ -50,6 +51,11 @@ class Plan:
             life = self.experiment.life_of(condition.task)
             if self.experiment.on_tensors and life.worlds != (World(),):
                 raise InputError(f"{life.name} is simulated on CPUs only: its world changes")
+            if self.experiment.body == "kinematic":
+                try:
+                    kinematic_definition(life.task)
+                except ValueError as error:
+                    raise InputError(str(error)) from error
             check_robots(robots)
             if robots % size:
                 raise InputError(

@@ -17,14 +17,16 @@ from musebot.protocols.runs.plan import Plan, check_memory, cohort_bytes, defaul
 from musebot.protocols.runs.run import Robot
 from musebot.protocols.runs.run_files import RESULTS_FILE, write_results
 from musebot.protocols.runs.simulation import check_agents
-from musebot.tasks.lives import PAPER_LIVES
+from musebot.tasks.lives import PAPER_LIVES, Life, Phase
 
 MEGABYTE = 2**20
 
 
 def test_an_invalid_plan_is_refused_in_a_sentence():
     warp = Experiment(cohort_size=1, physics="warp")
-    body, nobody = (Condition(life, "fixed") for life in ("body", "nobody"))
+    own = Life("own", "Own", "spot_finding_two_noses", (Phase(),))
+    kinematic = Experiment(cohort_size=1, body="kinematic", life=own)
+    body, nobody, noses = (Condition(life, "fixed") for life in ("body", "nobody", "own"))
     for conditions, robots, experiment, sentence in (
         ((), 50, Experiment(), "at least one task and one proposer are needed"),
         (CONDITIONS, 0, Experiment(), "a whole number from 1 to 1000000, got 0"),
@@ -32,6 +34,7 @@ def test_an_invalid_plan_is_refused_in_a_sentence():
         (CONDITIONS, True, Experiment(), "from 1 to 1000000, got True"),
         (CONDITIONS, 75, Experiment(), "must be a multiple of the cohort size, 50, got 75"),
         ([body], 1, warp, "body is simulated on CPUs only: its world changes"),
+        ([noses], 1, kinematic, "the paper's robot and arena only, unlike spot_finding_two_noses"),
         ([nobody], 50, Experiment(), "there is no life 'nobody'; did you mean body?"),
     ):
         with pytest.raises(InputError) as caught:

@@ -17,7 +17,7 @@ ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
 
 def test_the_kinematic_simulator_refuses_other_arenas():
     for task in ("wall_avoidance_obstacles", "spot_finding_two_noses"):
-        with pytest.raises(ValueError, match="must have the paper's arena, got"):
+        with pytest.raises(ValueError, match=f"robot and arena only, unlike {task}"):
             make_kinematic_batch(task, 1, Kinematics())
 
 
