@@ -68,7 +68,7 @@ class Rules(abc.ABC):
     """Observations, reward and measured event of a task, as functions of MuJoCo's sensors.
 
     Every method takes `sensordata` of shape (..., nsensordata), for one robot or a batch, and
-    works on the last axis. The paper's tasks also take tensors of PyTorch, and return tensors.
+    works on the last axis. The suite's tasks also take tensors of PyTorch, and return tensors.
 
     Attributes:
       layout: Indices of each sensor's numbers in `sensordata`.

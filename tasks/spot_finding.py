@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ..models import Dimensions, add_noses, add_velocity
+from ..models.arrays import namespace
 from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
 from .sensors import Nose, NoseForm, contact_signal
@@ -77,7 +78,7 @@ class TwoNosesRules(SpotFindingRules):
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns `noses` (..., 2): Eq. 3 of the left and of the right nose."""
         sides = [sensordata[..., side] for side in (self.left, self.right)]
-        return {"noses": self.nose.signal(np.stack(sides, axis=-2))}
+        return {"noses": self.nose.signal(namespace(sensordata).stack(sides, axis=-2))}
 
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the mean of the two signals, in [0, 1)."""

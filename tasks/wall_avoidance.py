@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from ..models import Dimensions, add_obstacles, add_velocity, hide_spot
+from ..models.arrays import at_least, at_most
 from .arena import TaskDefinition
 from .rules import Rules, SensorLayout, sensor_slice
 from .sensors import NoseForm, contact_signal, distance_signal
@@ -79,11 +80,11 @@ class DrivingRules(WallAvoidanceRules):
     def reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns the speed ahead, as a share of the top speed; 0 in reverse and in contact."""
         free = 1.0 + super().reward(sensordata)
-        return free * np.maximum(self._speed(sensordata), 0.0)
+        return free * at_least(self._speed(sensordata), 0.0)
 
     def _speed(self, sensordata: np.ndarray) -> np.ndarray:
         ahead = sensordata[..., self.velocity][..., 0]
-        return np.clip(ahead / self.top_speed, -1.0, 1.0)
+        return at_most(at_least(ahead / self.top_speed, -1.0), 1.0)
 
 
 PAPER = TaskDefinition(

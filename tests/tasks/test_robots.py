@@ -14,6 +14,7 @@ import torch
 
 from musebot.models import Kinematics
 from musebot.tasks import load, make_batch, make_kinematic_batch
+from musebot.tasks.suite import TASKS
 from musebot.tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
 
 TASK = "spot_finding_walls"
@@ -336,6 +337,17 @@ def test_batches_with_threads_can_be_stepped_and_deleted_in_a_forked_process():
 
 
 # Tensors
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_rules_of_every_task_give_of_tensors_what_they_give_of_arrays(task):
+    batch, random = make_batch(task, 50), np.random.default_rng(0)
+    measured = random.uniform(-0.3, 0.3, batch.sensordata.shape)
+    for function in (batch.rules.state, batch.rules.reward, batch.rules.event):
+        ours, theirs = function(torch.from_numpy(measured)), function(measured)
+        np.testing.assert_allclose(ours.numpy(), theirs, atol=1e-12)
+        blind = function(torch.from_numpy(measured).to("meta"))  # no numbers to copy to the host
+        assert (str(blind.device), blind.shape) == ("meta", theirs.shape)
 
 
 @pytest.mark.parametrize(
