@@ -92,10 +92,9 @@ class Rules(abc.ABC):
         del nose
         return cls(SensorLayout.of(model))
 
-    @classmethod
-    def bounds(cls) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Returns minimum and maximum of each number of `state`, each of shape (S,)."""
-        lengths, low, high = zip(*cls.shapes.values(), strict=True)
+        lengths, low, high = zip(*self.shapes.values(), strict=True)
         return np.repeat(low, lengths), np.repeat(high, lengths)
 
     @abc.abstractmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -96,9 +96,6 @@ class WorldRules(Rules):
     task: Rules
     world: World
     nose: float
-
-    rewards: ClassVar = (0.0, 1.0)
-    shapes: ClassVar = {}
 
     def __post_init__(self) -> None:
         """Raises ValueError, see `World.rules`."""

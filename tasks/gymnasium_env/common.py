@@ -31,7 +31,7 @@ INFO: Mapping[str, str] = {
 PICTURE = {"camera": "overhead", "width": 480, "height": 320}
 
 
-def spaces(rules: type[Rules], limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
+def spaces(rules: Rules, limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:
     """Returns the spaces of a robot's observations, shape (S,), and actions, shape (2,)."""
     low, high = (end.astype(np.float32) for end in rules.bounds())
     return gymnasium.spaces.Box(low, high), gymnasium.spaces.Box(-limit, limit, (2,))

@@ -63,13 +63,14 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             self.metadata = {**self.metadata, "render_modes": modes}
         # Gymnasium's wrapper TimeLimit counts the steps of an episode.
         self._environment = definition.environment(**kwargs, time_limit=math.inf)
-        self.observation_space, self.action_space = spaces(definition.rules, definition.limit)
+        rules = self._environment.task.rules
+        self.observation_space, self.action_space = spaces(rules, definition.limit)
         self.render_mode = render_mode
         self._picture = picture_of(self.model, camera, width, height)
         self.mujoco_renderer: Any = None
         self._usual = self._environment.task.episode
         self.options = {}
-        self._layout = self._environment.task.rules.layout
+        self._layout = rules.layout
         self._radius = self.physics.dimensions.spot_radius
         self._counts = [0, 0]  # control steps of this episode in contact, and in the spot
 

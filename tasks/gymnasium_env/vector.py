@@ -119,9 +119,7 @@ class ArenaVectorEnv(RobotAttributes):
         rules, size = self._batch.rules, self._batch.dimensions
         self._usual = definition.episode(Start(**kwargs), size, steps, rules)
         self.options = {}
-        self.single_observation_space, self.single_action_space = spaces(
-            definition.rules, definition.limit
-        )
+        self.single_observation_space, self.single_action_space = spaces(rules, definition.limit)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.render_mode = render_mode

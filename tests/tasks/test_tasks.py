@@ -13,7 +13,7 @@ from scipy import stats
 import musebot
 from musebot.models import add_noses, add_obstacles, add_velocity, arena_spec, hide_spot
 from musebot.tasks import make_batch
-from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
+from musebot.tasks.lives import CHANGING, UPPER_LEFT, UPPER_RIGHT
 from musebot.tasks.starts import CORNERS, Start, random_poses, random_spots
 from musebot.tasks.suite import TASKS
 
@@ -139,6 +139,17 @@ def test_the_keywords_of_dm_control_work():
     for end in ("minimum", "maximum"):
         ends = [np.full(one.shape, getattr(one, end)) for one in named]
         np.testing.assert_array_equal(getattr(spec, end), np.concatenate(ends))
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("life", CHANGING, ids=lambda life: life.name)
+def test_a_changed_world_has_the_specs_of_its_task(life, flat):
+    tasks, kwargs = [("life", f"{life.name}@2"), ("arena", life.task)], {"flat_observation": flat}
+    changed, usual = (musebot.load(*task, environment_kwargs=kwargs) for task in tasks)
+    changed.reset()
+    assert changed.task.world != usual.task.world
+    assert changed.observation_spec() == usual.observation_spec()
+    assert changed.reward_spec() == usual.reward_spec()
 
 
 def test_actions_beyond_the_limits_are_clipped_and_unknown_keywords_are_refused(task):
