@@ -15,11 +15,15 @@ from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, MODULES, re
 from ..models import check_arena
 from .arena import TaskDefinition, steps_until
 from .batch import Batch
+from .episode import check_keywords
+from .lives import LIVES
 from .rules import Rules, within
 from .starts import random_poses
-from .suite import DOMAIN, TASKS_BY_DOMAIN, add_task
+from .suite import LIFE_DOMAIN, TASKS, add_task
 
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+_TAKEN = {*TASKS, *LIVES, LIFE_DOMAIN}  # when this is imported, all tasks are musebot's
+_SETTINGS = ("model", "edits", "limit", "time_limit", "spot_seconds")
 _PROBED = 60  # control steps: straight ahead, across the arena and into a wall
 
 
@@ -49,10 +53,11 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     """
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise ValueError(f"name must be lower case with underscores, got {name!r:.60}")
-    if name in TASKS_BY_DOMAIN[DOMAIN]:
-        raise ValueError(f"there is a task {name!r} in the suite already")
+    if name in _TAKEN:
+        raise ValueError(f"there is a task or life {name!r} in musebot already")
     if not (isinstance(rules, type) and issubclass(rules, Rules)):
         raise TypeError(f"rules must be a subclass of musebot.tasks.rules.Rules, got {rules!r}")
+    check_keywords("register_task", settings, _SETTINGS)
     if "model" in settings:
         settings["model"] = _file(settings["model"])
     definition = TaskDefinition(name, rules, **settings)

@@ -18,6 +18,7 @@ from musebot.fields import described
 from musebot.models import Kinematics
 from musebot.tasks import make_batch, suite
 from musebot.tasks.arena import TaskDefinition
+from musebot.tasks.lives import LIVES
 from musebot.tasks.sensors import Nose
 from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.wall_avoidance import WallAvoidanceRules
@@ -178,9 +179,11 @@ MOVED = "the obstacle 'obstacle_9' must be a body of the world whose largest geo
 WRONG = [
     ("Mine", Still, {}, "lower case with underscores, got 'Mine'"),
     (None, Still, {}, "lower case with underscores, got None"),
-    ("spot_finding", Still, {}, "there is a task 'spot_finding' in the suite"),
+    *[(name, Still, {}, f"there is a task or life {name!r} in musebot already")
+      for name in {*suite.TASKS, *LIVES, "life"}],
     ("mine", Still(None), {}, "rules must be a subclass of musebot.tasks.rules"),
-    ("mine", Still, {"colour": 1}, "colour"),
+    *[("mine", Still, {name: "body"}, f"register_task takes .* got \\['{name}'\\]")
+      for name in ("colour", "life")],
     ("mine", Still, {"limit": 0}, r"limit must be a number in .*, got 0"),
     *[("mine", Still, {"model": value}, "model must be an MJCF file, got ")
       for value in ("none.xml", "/nowhere", "/", None, 5, "x\0")],
