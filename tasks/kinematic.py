@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
+from ..models.arrays import namespace
 from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
 from .arena import Edit, TaskDefinition
 from .batch import Robots
@@ -22,25 +24,22 @@ class KinematicBatch(Robots):
 
     Attributes:
       kinematics: Settings of the simulator: body, walls, contact, lag and path.
+      velocity: Index of the speed ahead in `sensordata`; None for robots that do not sense it.
     """
 
     def __init__(
-        self,
-        dimensions: Dimensions,
-        rules: Rules,
-        nsensordata: int,
-        robots: int,
-        kinematics: Kinematics,
+        self, model: mujoco.MjModel, rules: Rules, robots: int, kinematics: Kinematics
     ) -> None:
         """Places B robots at the origin, see `Robots` and `make_kinematic_batch`."""
-        super().__init__(robots, rules, kinematics.applied_to(dimensions), nsensordata)
+        dimensions = kinematics.applied_to(Dimensions.of(model))
+        super().__init__(robots, rules, dimensions, model.nsensordata)
         self.kinematics = kinematics
         self._poses = np.zeros((robots, 3))
         self._spots = np.zeros((robots, 2))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
         self._touch = np.zeros(robots)
-        driving: Any = getattr(rules, "driving", None)
-        self._velocity: slice | None = driving and driving.velocity  # of the robots that sense it
+        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, "velocity")
+        self.velocity = int(model.sensor_adr[sensor]) if sensor >= 0 else None
         self.place(np.arange(robots), self._poses)
 
     @property
@@ -74,9 +73,7 @@ class KinematicBatch(Robots):
         poses, self._wheels[:], self._touch[:] = after_control_step(
             self._poses, self._wheels, motors, self.kinematics, self.dimensions
         )
-        if self._velocity is not None:
-            ahead = moved_ahead(self._poses, poses) / CONTROL_TIMESTEP
-            self.sensordata[:, self._velocity.start] = ahead
+        measure_speed(self.sensordata, self.velocity, self._poses, poses)
         self._poses[:] = poses
         world = self._poses, self._spots, self._touch
         measure(self.sensordata, self.rules.layout, world, self.dimensions)
@@ -117,10 +114,17 @@ def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:
     return gaps(poses, size) <= size.contact_margin
 
 
-def moved_ahead(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """Returns how far robots moved along their final heading, in [m], shape (B,)."""
-    x, y = (after[:, :2] - before[:, :2]).T
-    return x * np.cos(after[:, 2]) + y * np.sin(after[:, 2])
+def measure_speed(
+    sensordata: np.ndarray, velocity: int | None, before: np.ndarray, after: np.ndarray
+) -> None:
+    """Writes the mean speed of a control step along the final heading, in [m/s], if it is sensed.
+
+    The poses before and after the step have the shape (B, 3).
+    """
+    if velocity is not None:
+        xp, (x, y) = namespace(after), (after[:, :2] - before[:, :2]).T
+        ahead = x * xp.cos(after[:, 2]) + y * xp.sin(after[:, 2])
+        sensordata[:, velocity] = ahead / CONTROL_TIMESTEP
 
 
 def measure(
@@ -165,11 +169,10 @@ def make_kinematic_batch(
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
     The arguments are those of `make_batch`, with `kinematics` in place of `threads`. Edits count
-    only as far as they change the model's `Dimensions`.
+    only as far as they change the model's `Dimensions` or add the sensor `velocity`.
 
     Raises ValueError for a task that `kinematic_definition` refuses, or a value out of range.
     """
     definition = kinematic_definition(task_name)
     model = definition.spec(motor_speed, edits).compile()
-    rules = definition.rules.of(model, nose)
-    return KinematicBatch(Dimensions.of(model), rules, model.nsensordata, robots, kinematics)
+    return KinematicBatch(model, definition.rules.of(model, nose), robots, kinematics)

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from ..batch import Robots, copy_arrays
-from ..kinematic import KinematicBatch, after_control_step, measure
+from ..kinematic import KinematicBatch, after_control_step, measure, measure_speed
 from .capture import Captured
 
 
@@ -124,7 +124,7 @@ class KinematicTensors(TensorRobots):
     def __init__(self, batch: KinematicBatch) -> None:
         """Takes over the robots of a batch, which is not to be used any more."""
         super().__init__(batch)
-        self.kinematics = batch.kinematics
+        self.kinematics, self.velocity = batch.kinematics, batch.velocity
         self._captured = Captured(self._simulate, self._device)
 
     def _advance(self) -> None:
@@ -136,6 +136,7 @@ class KinematicTensors(TensorRobots):
         poses, wheels, contact = after_control_step(
             own["poses"], own["wheels"], motors, self.kinematics, self.dimensions
         )
+        measure_speed(self.sensordata, self.velocity, own["poses"], poses)
         own["poses"].copy_(poses)
         own["wheels"].copy_(wheels)
         own["touch"].copy_(contact)

@@ -11,17 +11,19 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+import torch
 
 import musebot
 from musebot import gymnasium_registration as registration
 from musebot.fields import described
-from musebot.models import Kinematics
-from musebot.tasks import make_batch, suite
+from musebot.models import Kinematics, add_velocity, hide_spot
+from musebot.tasks import make_batch, make_kinematic_batch, suite
 from musebot.tasks.arena import TaskDefinition
 from musebot.tasks.lives import LIVES
 from musebot.tasks.sensors import Nose
 from musebot.tasks.spot_finding import SpotFindingRules
-from musebot.tasks.wall_avoidance import WallAvoidanceRules
+from musebot.tasks.tensors.robots import KinematicTensors
+from musebot.tasks.wall_avoidance import DrivingRules, WallAvoidanceRules
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra `gym`")
 
@@ -109,6 +111,16 @@ def test_what_rules_return_is_not_changed_by_later_steps():
     before = rewards.copy()
     robots.step(np.full((2, 2), 0.5, np.float32))
     np.testing.assert_array_equal(rewards, before)
+
+
+def test_a_reward_for_speed_is_the_speed_in_every_simulator():
+    musebot.register_task("speeding", DrivingRules, edits=(hide_spot, add_velocity))
+    mine, other = (make_kinematic_batch("speeding", 2, Kinematics()) for _ in range(2))
+    motors, tensors = np.array([(0.5, 0.5), (0.2, 0.2)]), KinematicTensors(other)
+    for robots in (make_batch("speeding", 2), mine, tensors):
+        for _ in range(20):
+            robots.step(motors if robots is not tensors else torch.from_numpy(motors))
+        np.testing.assert_allclose(robots.rules.reward(robots.sensordata), [1, 0.4], atol=0.01)
 
 
 def renamed(spec):
