@@ -69,7 +69,7 @@ class Phase(Checked):
         super().__post_init__()
         for name, length in _NUMBERS.items():
             place = getattr(self, name)
-            if place not in (None, "random"):
+            if place is not None and not (isinstance(place, str) and place == "random"):
                 place = real_numbers(name, place, (length,), finite=True)
                 object.__setattr__(self, name, tuple(place.tolist()))
 

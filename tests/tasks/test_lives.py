@@ -28,6 +28,7 @@ from musebot.tasks.lives import (
     life_named,
     place,
 )
+from musebot.tasks.starts import Start
 from musebot.tasks.world import World
 
 coordinates = st.floats(-0.5, 0.5)
@@ -157,6 +158,13 @@ def test_a_life_is_the_same_after_json(life):
     assert life_from(stored) == life
     short = {"name": "mine", "task": "spot_finding", "phases": [{}]}
     assert life_from(short) == Life("mine", "mine", "spot_finding", (Phase(),))
+
+
+@given(poses)
+def test_places_may_be_arrays(pose):
+    arrays = {"robot": np.array(pose), "spot": np.array(pose[:2])}
+    for kind in (Phase, Start):
+        assert kind(**arrays) == kind(robot=pose, spot=pose[:2])
 
 
 GOOD = {"name": "mine", "task": "spot_finding", "phases": [{"minutes": 1}]}
