@@ -140,7 +140,8 @@ class Task(base.Task):
         """Checks the physics, see `Physics.check_sound`; shows the reward if that is wanted."""
         physics.check_sound()
         if self._visualize_reward:
-            reward = abs(self.get_reward(physics))
+            largest = max(map(abs, self.rules.rewards)) or 1.0
+            reward = abs(self.get_reward(physics)) / largest
             highlight = np.array([0.95, 0.25, 0.15, 1.0])
             colours = physics.named.model.mat_rgba
             shell = self._shell

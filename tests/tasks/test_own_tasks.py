@@ -86,6 +86,14 @@ class Paid(SpotFindingRules):
         return super().reward(sensordata) - 7
 
 
+def test_a_large_reward_is_shown_by_a_colour():
+    musebot.register_task("paid", Paid)
+    environment = musebot.load("arena", "paid", {"random": 1}, visualize_reward=True)
+    environment.reset()
+    colour = environment.physics.named.model.mat_rgba["musebot_shell"]
+    assert 0 <= min(colour) and max(colour) <= 1
+
+
 class Raw(WallAvoidanceRules):
     """Gives parts of the measurements themselves."""
 
