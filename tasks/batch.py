@@ -144,8 +144,9 @@ class Robots(abc.ABC):
         `get_state` leaves the world out. Raises ValueError where the world changes or rewards what
         robots of this task do not sense.
         """
-        self.rules = world.rules(self._task_rules, self.dimensions.nose)
-        self.world = world
+        if world != self.world:
+            self.rules = world.rules(self._task_rules, self.dimensions.nose)
+            self.world = world
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Restores what `arrays` returned; the robots continue from it bit-exactly.

@@ -236,19 +236,13 @@ class Life(Checked):
 
 def place(batch: Robots, phase: Phase, random: Random) -> None:
     """Enters a phase's world, and places spots, then robots, which sense the new spots."""
-    enter(batch, phase.world)
+    batch.enter(phase.world)
     everyone = np.arange(batch.robots)
     spots, poses = phase.draw(random, batch.dimensions, batch.robots)
     if spots is not None:
         batch.place_spot(everyone, spots)
     if poses is not None:
         batch.place(everyone, poses)
-
-
-def enter(batch: Robots, world: World) -> None:
-    """Changes the world of robots, see `Robots.enter`, unless they are in it already."""
-    if batch.world != world:
-        batch.enter(world)
 
 
 def control_steps(minutes: float) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
-from ...tasks.lives import STAGES, Leg, Phase, control_steps, enter, place
+from ...tasks.lives import STAGES, Leg, Phase, control_steps, place
 from ...tasks.world import World
 from ..agents.base import Agent, Recorder, sound
 from ..agents.checked_agent import CheckedAgent
@@ -296,7 +296,7 @@ class Cohort:
         self._minutes[:] = arrays["minutes"]
         self.step = step
         if not self.finished:
-            enter(self.batch, self.leg.phase.world)
+            self.batch.enter(self.leg.phase.world)
 
 
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:

@@ -26,7 +26,7 @@ from ..episode import (
     stream_state,
     whole_number,
 )
-from ..lives import Leg, enter
+from ..lives import Leg
 from ..sensors import Nose
 from ..starts import Start, random_spots
 from ..suite import make_batch
@@ -300,7 +300,7 @@ class ArenaVectorEnv(RobotAttributes):
                 state[name].copy() for name in ("steps", "counts", "over")
             )
             if self._episode.life:
-                enter(self._batch, self._episode.leg_of(int(self._steps[0])).phase.world)
+                self._batch.enter(self._episode.leg_of(int(self._steps[0])).phase.world)
             self._lifecycle.become("running")
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
@@ -363,7 +363,7 @@ class ArenaVectorEnv(RobotAttributes):
 
     def _enter(self, leg: Leg, robots: np.ndarray) -> None:
         """Begins a stretch of a life, with places drawn from the robots' own streams."""
-        enter(self._batch, leg.phase.world)
+        self._batch.enter(leg.phase.world)
         for robot in robots.tolist():
             spots, poses = leg.phase.draw(self._randoms[robot], self._batch.dimensions, 1)
             if spots is not None:
