@@ -37,8 +37,6 @@ class Physics(mujoco.Physics):
       readings: View of MuJoCo's sensordata, shape (1, nsensordata).
     """
 
-    legacy_step = False  # `step` is that of the batch, for both to agree
-
     def step(self, nstep: int = 1) -> None:
         """Simulates substeps, of which only the last evaluates sensors, as in the batch.
 

@@ -163,7 +163,6 @@ class Environment(control.Environment):
             task,
             control_timestep=CONTROL_TIMESTEP,
             flat_observation=flat_observation,
-            legacy_step=False,
         )
         self._step_limit = task.episode.steps
         self.lifecycle = Lifecycle()

@@ -374,7 +374,6 @@ def test_a_copy_of_the_physics_shows_what_the_original_shows():
     physics = environment.physics
     for how in (copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))):
         for twin in (how(physics), physics.copy(), how(environment).physics):
-            assert not twin.legacy_step
             for name in ("sensordata", "xpos", "qacc", "qpos"):
                 np.testing.assert_array_equal(getattr(twin.data, name), getattr(physics.data, name))
 
