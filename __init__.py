@@ -127,12 +127,17 @@ def _brain_needed() -> Iterator[None]:
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
-    """Registers a task of your own in every interface, see `tasks.own_tasks.register_task`.
+    """Registers a task of your own in every interface of this process.
+
+    `musebot.ALL_TASKS` and the other lists stay those of the suite. A task of your own that is
+    registered again, for example after a reload, replaces the former one.
 
     Args:
-      name: Name of the task, such as "my_task".
+      name: Name of the task, in lower case with underscores, such as "my_task".
       rules: Subclass of `tasks.rules.Rules` with the task's observations, reward and event.
-      **settings: Further fields of `tasks.arena.TaskDefinition`, such as `time_limit`.
+      **settings: Further fields of `tasks.arena.TaskDefinition`: `model`, the MJCF file of an arena
+        with its robot; `edits` of the model, `limit` of the actions, `time_limit` and
+        `spot_seconds` in [s].
 
     Returns:
       The task's Gymnasium id, such as "musebot/MyTask-v0".
@@ -140,7 +145,8 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     Raises:
       KeyError: The arena lacks a sensor.
       TypeError: A setting is unknown, or `rules` is not such a class.
-      ValueError: The name is taken or not like "my_task", or a setting is out of range.
+      ValueError: The name is taken or not like "my_task", a setting is out of range,
+        `models.check_arena` refuses the arena, or the rules do not return what they declare.
     """
     from .tasks import own_tasks
 

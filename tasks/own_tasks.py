@@ -28,29 +28,7 @@ _PROBED = 60  # control steps: straight ahead, across the arena and into a wall
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
-    """Adds a task to the domain "arena" of this process.
-
-    `musebot.load("arena", name)`, `musebot.tasks.make_batch(name, robots)`,
-    `gymnasium.make("musebot/Name-v0")` and `gymnasium.make_vec("musebot/Name-v0", num_envs=8)` open
-    it from then on. The lists `musebot.ALL_TASKS`, `PAPER` and `BENCHMARKING` stay those of the
-    suite. A task of one's own may be registered again, for example after a reload: the new one
-    replaces it.
-
-    Args:
-      name: Name of the task, in lower case with underscores, such as "two_spots".
-      rules: Subclass of `Rules` with the task's observations, reward and measured event.
-      **settings: Further fields of `TaskDefinition`: `model`, the MJCF file of an arena with its
-        robot; `edits` of the model, `limit` of the actions, `time_limit` and `spot_seconds` in [s].
-
-    Returns:
-      The task's Gymnasium id, such as "musebot/TwoSpots-v0".
-
-    Raises:
-      KeyError: The arena lacks a sensor.
-      TypeError: A setting is unknown, or `rules` is not a class of rules.
-      ValueError: The name is in the suite or not in this form, a setting is out of range,
-        `check_arena` refuses the arena, or the rules do not return what they declare.
-    """
+    """Adds a task to the domain "arena" of this process, see `musebot.register_task`."""
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise ValueError(f"name must be lower case with underscores, got {name!r:.60}")
     if name in _TAKEN:

@@ -89,20 +89,7 @@ def load(
     environment_kwargs: Mapping[str, Any] | None = None,
     visualize_reward: bool = False,
 ) -> Environment:
-    """Returns a task's dm_control environment; called like `dm_control.suite.load`.
-
-    Args:
-      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for episodes that are whole lives.
-      task_name: In the domain "arena", name of a task; in "life", name of a life in `lives.LIVES`.
-      task_kwargs: Keyword arguments of the task, such as {"random": 1}; see `arena.Settings`.
-      environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
-        are joined in one array) and `time_limit` (length of an episode in [s]).
-      visualize_reward: Whether the robot's colour shows its reward.
-
-    Raises:
-      TypeError: A keyword is unknown.
-      ValueError: There is no such domain or task, or a value is out of range.
-    """
+    """Returns a task's dm_control environment, see `musebot.load`."""
     domains = [DOMAIN, LIFE_DOMAIN]
     if domain_name not in domains:
         raise ValueError(
