@@ -28,7 +28,7 @@ INFO: Mapping[str, str] = {
     "contact_steps": "number of control steps of this episode that ended in contact",
     "in_spot_steps": "number of control steps of this episode that ended in the spot",
 }
-PICTURE = {"camera": "overhead", "width": 480, "height": 320}
+PICTURE: Mapping[str, Any] = {"camera": "overhead", "width": 480, "height": 320}
 
 
 def spaces(rules: Rules, limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.spaces.Box]:

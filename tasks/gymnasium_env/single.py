@@ -14,7 +14,7 @@ from ...models.arena import heading
 from ...models.physics import Physics
 from ...models.rendering import has_display, no_window
 from ..episode import Lifecycle, check_counts, check_state
-from .common import FPS, check_render_mode, checked_task, life_info, picture_of, spaces
+from .common import FPS, PICTURE, check_render_mode, checked_task, life_info, picture_of, spaces
 
 
 class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -33,9 +33,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         task: str,
         *,
         render_mode: str | None = None,
-        camera: str = "overhead",
-        width: int = 480,
-        height: int = 320,
+        camera: str = PICTURE["camera"],
+        width: int = PICTURE["width"],
+        height: int = PICTURE["height"],
         **kwargs: Any,
     ) -> None:
         """Initialises the environment.
