@@ -276,7 +276,7 @@ class Settings(TypedDict, total=False):
 
     Attributes:
       robot: Pose x, y in [m] and heading in [rad], or "upper_left" or "upper_right", a corner of
-        the arena; None (default) for random poses.
+        the paper's arena; None (default) for random poses.
       spot: Centre x, y in [m], or a corner, see `robot`; None (default) for random places.
       nose: Form of Eq. 3, "inverse" (default) or "printed" (see `Nose`); only if the task has a
         nose.

@@ -46,7 +46,7 @@ class Phase(Checked):
       minutes: Duration in simulated minutes.
       learning: Whether the robot learns and explores.
       robot: Pose of the robot at the start, x, y in [m] and heading in [rad]; "random" draws it;
-        None leaves the robot where it is.
+        None leaves the robot where it is (in a `Start`, None draws it).
       spot: Centre of the spot at the start, x, y in [m]; "random" draws it; None leaves the spot
         where it is.
       every_minutes: Period in simulated minutes after which robot and spot are placed again; None

@@ -59,10 +59,12 @@ def random_spots(random: Random, dimensions: Dimensions, count: int) -> np.ndarr
 class Start:
     """Places of robot and spot at the start of an episode.
 
+    None draws a place for every episode; in a `Phase` of a life, "random" does.
+
     Attributes:
-      robot: Pose of the robot: x, y in [m] and heading in [rad]; or a corner that it faces,
-        "upper_left" or "upper_right"; None draws a pose for every episode.
-      spot: Centre of the spot: x, y in [m]; or a corner; None draws a place for every episode.
+      robot: Pose of the robot: x, y in [m] and heading in [rad]; or a corner of the paper's arena
+        that it faces, "upper_left" or "upper_right"; or None.
+      spot: Centre of the spot: x, y in [m]; or a corner, see `robot`; or None.
     """
 
     robot: tuple[float, float, float] | Corner | None = None
