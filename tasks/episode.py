@@ -78,7 +78,7 @@ class Episode:
         start.check(self.dimensions)
         return start
 
-    def starting_with(self, options: Mapping[str, Any] | None) -> Self:
+    def with_options(self, options: Mapping[str, Any] | None) -> Self:
         """Returns the episode with the start of `start_with`, and raises what that raises."""
         return dataclasses.replace(self, start=self.start_with(options))
 
@@ -224,7 +224,7 @@ def whole_number(name: str, value: Any, least: int) -> int:
     return int(value)
 
 
-def steps_of(max_episode_steps: Any) -> float:
+def checked_length(max_episode_steps: Any) -> float:
     """Returns the number of steps of an episode, at least 1; infinity for None and -1."""
     if max_episode_steps is None or (type(max_episode_steps) is int and max_episode_steps == -1):
         return math.inf

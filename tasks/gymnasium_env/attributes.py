@@ -45,7 +45,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
-        self._episode = self._usual.starting_with(options)
+        self._episode = self._usual.with_options(options)
         self._options = dict(options or {})
 
     @property

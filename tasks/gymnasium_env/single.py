@@ -85,7 +85,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @options.setter
     def options(self, options: Mapping[str, Any]) -> None:
-        self._environment.task.episode = self._usual.starting_with(options)
+        self._environment.task.episode = self._usual.with_options(options)
         self._options = dict(options or {})
 
     @property

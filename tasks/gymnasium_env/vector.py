@@ -21,8 +21,8 @@ from ..episode import (
     check_counts,
     check_state,
     check_stream_state,
+    checked_length,
     set_stream_state,
-    steps_of,
     stream_state,
     whole_number,
 )
@@ -102,7 +102,7 @@ class ArenaVectorEnv(RobotAttributes):
         if backend == "warp" and threads:
             raise ValueError(f"threads are of the backend 'mujoco' only, got {threads!r:.60}")
         check_render_mode(render_mode, self.metadata["render_modes"])
-        steps = steps_of(max_episode_steps)
+        steps = checked_length(max_episode_steps)
         self.num_envs = whole_number("num_envs", num_envs, 1)
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
