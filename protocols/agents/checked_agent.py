@@ -49,7 +49,9 @@ class CheckedAgent(Agent):
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         """See `Agent.act`; only robots with a NaN or infinite weight may have such motor values."""
-        motors = np.asarray(self._call("act", state.copy(), learning))
+        motors = self._call("act", state.copy(), learning)
+        with ending_in_a_sentence(f"{self._name} must return motor values as an array", InputError):
+            motors = np.asarray(motors)
         if motors.shape != (self._robots, 2):
             raise self._wrong(f"motor values of shape ({self._robots}, 2), got {motors.shape}")
         if motors.dtype.kind not in "fiu":
