@@ -62,7 +62,7 @@ class AgentContract:
     def test_weights_stay_finite(self) -> None:
         """No weight becomes NaN or infinite; a simulation would stop such a robot."""
         agent = self.made()
-        for step in range(STEPS):
+        for step in range(STEPS + 1):  # the last only looks: no step is left
             for name, array in agent.weights().items():
                 for robot in np.argwhere(~np.isfinite(array))[:1, 0]:
                     _law(False, f"{name} of robot {robot} is not finite after {step} steps")
@@ -155,7 +155,7 @@ class AgentContract:
         _law(equal, "another value of one robot's settings changes the actions of others")
 
     def broken(self) -> list[str]:
-        """Returns a sentence for each law that the agent breaks.
+        """Returns a sentence for each law that the agent breaks, without repetitions.
 
         Raises:
           InputError: the agent cannot be made.
@@ -168,7 +168,7 @@ class AgentContract:
                 getattr(self, law)()
             except (AssertionError, InputError, RunError) as error:
                 sentences.append(str(error))
-        return sentences
+        return [*dict.fromkeys(sentences)]
 
     @property
     def _factory(self) -> Callable[..., Agent]:
@@ -216,7 +216,7 @@ class AgentContract:
 
 
 def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
-    """Returns a sentence for each law that an agent breaks, in four cases of task and signals.
+    """Returns what `AgentContract.broken` returns, in four cases of task and signals.
 
     The agent's code is run; its settings are given as NAME=VALUE.
 
