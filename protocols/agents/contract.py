@@ -19,7 +19,7 @@ import numpy as np
 from ...controller.senses import Senses
 from ..errors import InputError, RunError
 from .base import Agent
-from .checked_agent import CheckedAgent
+from .checked_agent import CheckedAgent, copied
 from .factory import factory_of, trust
 from .names import OWN_BOUNDS, recorded_name
 from .senses import random_signals, raw_senses, senses_of
@@ -75,7 +75,7 @@ class AgentContract:
     def test_training_changes_weights(self) -> None:
         """Training changes the weights; an agent without weights may learn elsewhere."""
         agent = self.made()
-        born = _copied(agent.weights())
+        born = copied(agent.weights())
         self.feed(agent, 0, STEPS)
         if born and self.learns:
             changed = _differing(born, agent.weights())
@@ -85,7 +85,7 @@ class AgentContract:
         """A test, which is without learning, leaves the weights as they are."""
         agent = self.made()
         self.feed(agent, 0, 30)
-        before = _copied(agent.weights())
+        before = copied(agent.weights())
         self.feed(agent, 30, STEPS, learning=False)
         changed = _differing(before, agent.weights())
         _law(not changed, f"a test changes the weights {changed}")
@@ -96,7 +96,7 @@ class AgentContract:
         states = {}
         for step in _CHECKPOINTS:
             self.feed(first, begin, step)
-            states[step], begin = _copied(first.state()), step
+            states[step], begin = copied(first.state()), step
         self.feed(first, begin, STEPS)
         for step, state in states.items():
             second = self.made(seed=3)
@@ -123,7 +123,7 @@ class AgentContract:
             agent.reset()
             agent.act(self.stream[0][20], True)
             agent.learn(np.full(ROBOTS, reward))
-            found.append(_copied(agent.weights()))
+            found.append(copied(agent.weights()))
         changed = _differing(*found)
         _law(not changed, f"the first reward after reset changes {changed}")
 
@@ -132,7 +132,7 @@ class AgentContract:
         agent, other = self.made(), self.made(seed=3)
         self.feed(agent, 0, STEPS)
         try:
-            _loaded("load_weights", other, _copied(agent.weights()))
+            _loaded("load_weights", other, copied(agent.weights()))
         except NotImplementedError:
             return
         tests = []
@@ -269,10 +269,6 @@ def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
 def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:
     """Returns each setting's values at the given shares of its range, from 0 to 1."""
     return {name: [one.at(share) for share in shares] for name, one in settings.items()}
-
-
-def _copied(arrays: Arrays) -> dict[str, np.ndarray]:
-    return {name: array.copy() for name, array in arrays.items()}
 
 
 def _differing(first: Arrays, second: Arrays) -> str:
