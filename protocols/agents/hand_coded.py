@@ -94,6 +94,4 @@ def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
 
 def newborn(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes untrained creative robots with the brain `steady`, a lower bound of what is learned."""
-    brain = BRAINS["steady"]
-    state = len(senses.state)
-    return Newborn(Neurocontroller(brain, "creative", robots, state, seed, senses))
+    return Newborn(Neurocontroller(BRAINS["steady"], "creative", robots, senses, seed))

@@ -68,7 +68,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         make_brain = Neurocontroller
         if experiment.backend == "numba":
             from ...controller.compiled import CompiledNeurocontroller as make_brain
-        controller = make_brain(experiment.brain, proposer, robots, len(senses.state), seed, senses)
+        controller = make_brain(experiment.brain, proposer, robots, senses, seed)
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     if experiment.nose == "printed" and proposer in OWN_BOUNDS:
         if any(signal.maximal for signal in senses.state):

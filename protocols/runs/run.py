@@ -90,9 +90,7 @@ def network_shapes(
     if not condition.has_brain:
         return None
     senses = senses_of(experiment.life_of(condition.task).task)
-    controller = Neurocontroller(
-        experiment.brain, condition.proposer, 1, len(senses.state), 0, senses
-    )
+    controller = Neurocontroller(experiment.brain, condition.proposer, 1, senses, 0)
     shapes = {name: tuple(tensor.shape[1:]) for name, tensor in controller.networks().items()}
     return MappingProxyType(shapes)
 

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from helpers import unit_senses
 from scipy import stats
 
 from musebot.controller import Neurocontroller, Parameters
@@ -20,7 +21,7 @@ def exploratory(steps, robots=2000, explore=True, **fields):
 
     Robots sense new random signals in every step.
     """
-    brain = Neurocontroller(Parameters(**fields), "fixed", robots, 5, seed=6)
+    brain = Neurocontroller(Parameters(**fields), "fixed", robots, unit_senses(5), seed=6)
     generator = torch.Generator().manual_seed(0)
     found, chosen = [], []
     for _ in range(steps):
