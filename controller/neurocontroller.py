@@ -236,11 +236,13 @@ class Neurocontroller:
         """Returns all weights and biases by name, as "evaluation.hidden_weights", shapes (B, ...).
 
         The connections of a recurrent context are among them, as "context.recurrent_weights" and
-        "context.input_weights".
+        "context.input_weights", and the indices of fixed noisy connections, as "noise.fixed".
         """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
             tensors |= _prefixed("memory", self.memory.networks.tensors())
+            if self._parameters.noisy_connections == "fixed":
+                tensors["noise.fixed"] = self.memory.patterns.tensors()["fixed"]
         if self._context is not None:
             tensors |= _prefixed("context", self._context.weights())
         return tensors

@@ -121,7 +121,8 @@ def lives_shapes(
         weights = {k.partition("/")[2]: x for k, x in found.items() if k.startswith("after/")}
         weights = {name: (dtype, (robots, *shape[1:])) for name, (dtype, shape) in weights.items()}
     else:
-        weights = {name: ("F32", (robots, *shape)) for name, shape in own.items()}
+        kinds = {"noise.fixed": "I64"}  # indices of connections
+        weights = {n: (kinds.get(n, "F32"), (robots, *shape)) for n, shape in own.items()}
     return wanted | {f"{when}/{name}": kind for when in WHEN for name, kind in weights.items()}
 
 

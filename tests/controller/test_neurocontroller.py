@@ -18,6 +18,7 @@ SENSES = Senses((Signal(0.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(0.0, 
 READINGS = {
     "noise-held": Parameters(noise_steps=3, ideas=3),
     "noise-for-life": Parameters(noise_steps=0, test_epsilon=0.3),
+    "noise-fixed": Parameters(noisy_connections="fixed"),
     "noise-on-biases": Parameters(noise_on_biases=True, keep_main_idea=True),
 }
 ALL_BRAINS = BRAINS | READINGS
@@ -120,3 +121,15 @@ def test_networks_of_another_brain_can_be_loaded():
     with pytest.raises(ValueError, match=r"evaluation\.hidden_weights must have shape \(3, 7, 7\)"):
         one = Senses(SENSES.state[:1], SENSES.reward)
         brain.load_networks(Neurocontroller(Parameters(), "creative", 3, one, seed=3).networks())
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_networks_are_loaded_with_their_fixed_noisy_connections(steps):
+    parameters = Parameters(noisy_connections="fixed", noise_steps=steps)
+    brain, other = (Neurocontroller(parameters, "creative", 3, SENSES, seed) for seed in (1, 2))
+    brain.load_networks(snapshot(other.networks()))
+    noisy = []
+    for patterns in (brain.memory.patterns, other.memory.patterns):
+        patterns.renew()
+        noisy.append((patterns.draw(75) != 0).view(3, 25, -1).any(dim=1))
+    assert noisy[0].sum() == 27 and torch.equal(*noisy)
