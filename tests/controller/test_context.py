@@ -1,4 +1,4 @@
-"""The connections of the recurrent context; test_brains has its equation."""
+"""The connections of the recurrent context; test_presets has its equation."""
 
 import numpy as np
 import torch

@@ -1,4 +1,4 @@
-"""What every brain promises: checkpoints and loading; test_brains has that robots learn apart."""
+"""What every brain promises: checkpoints and loading; test_presets has that robots learn apart."""
 
 import pytest
 import torch
