@@ -310,7 +310,7 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Three tuples of numbers, which `protocols.runs.compiled.world_of` returns. They
+      world: Three tuples of numbers, which `protocols.runs.compiled_life.world_of` returns. They
         describe the robot and its arena, the `Kinematics`, and the task.
       robots: Tuple of the arrays that `KinematicBatch.arrays` returns, in this order: `poses`,
         `wheels`, `touch`, `spots`, `sensordata`, `valid`. All but `spots` are changed in place.

@@ -20,7 +20,7 @@ from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.compiled import compilable, world_of
+from musebot.protocols.runs.compiled_life import compilable, world_of
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.config import READINGS
 from musebot.protocols.runs.experiment import Experiment

@@ -94,7 +94,7 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
     # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
-    from .compiled import compiled_life
+    from .compiled_life import compiled_life
 
     return compiled_life(agent.controller, batch)
 
