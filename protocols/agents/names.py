@@ -28,7 +28,7 @@ OWN: Mapping[str, tuple[str, str]] = {
     "dqn_centred": ("musebot:dqn_centred", "learners.plasticity"),
     "ppo": ("musebot.protocols.ppo:ppo", "ppo"),
     "hand_coded": ("musebot.protocols.baselines:hand_coded", "hand_coded"),
-    "newborn": ("musebot:newborn", "hand_coded"),
+    "newborn": ("musebot:newborn", "neurocontroller"),
 }
 RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
 FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}

@@ -14,8 +14,9 @@ from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import Life, control_steps, place
 from ...tasks.suite import task_definition
 from ..agents.base import Agent
-from ..agents.hand_coded import HandCoded, newborn
+from ..agents.hand_coded import HandCoded
 from ..agents.informed import Informed
+from ..agents.neurocontroller import newborn
 from ..agents.senses import senses_of
 from ..analysis.adaptation import Bounds
 from ..runs.device import decide
