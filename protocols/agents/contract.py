@@ -22,8 +22,8 @@ from .base import Agent
 from .checked_agent import CheckedAgent, copied
 from .factory import factory_of, trust
 from .names import OWN_BOUNDS, recorded_name
-from .senses import random_signals, raw_senses, senses_of
 from .settings import Setting, checked_settings, settings_from, settings_of
+from .signals import random_signals, raw_senses, senses_of
 
 ROBOTS, STEPS = 4, 60
 _CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps

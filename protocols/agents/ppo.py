@@ -20,7 +20,7 @@ from ..errors import DamagedFileError, InputError, check_name
 from ..examples import POLICIES
 from ..storage import Shapes, digest, load_arrays
 from .base import Agent
-from .senses import senses_of
+from .signals import senses_of
 
 WIDTHS = 64, 64  # tanh neurons of the hidden layers; then follows the mean action
 

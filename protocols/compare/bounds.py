@@ -17,7 +17,7 @@ from ..agents.base import Agent
 from ..agents.hand_coded import HandCoded
 from ..agents.informed import Informed
 from ..agents.neurocontroller import newborn
-from ..agents.senses import senses_of
+from ..agents.signals import senses_of
 from ..analysis.adaptation import Bounds
 from ..runs.device import decide
 from ..runs.experiment import Experiment

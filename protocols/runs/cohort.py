@@ -19,7 +19,7 @@ from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
-from ..agents.senses import RawSignals, raw_senses, senses_of
+from ..agents.signals import RawSignals, raw_senses, senses_of
 from ..agents.settings import checked_settings, settings_from
 from ..errors import InputError
 from ..storage import DTYPES, Shapes

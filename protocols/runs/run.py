@@ -14,7 +14,7 @@ import numpy as np
 from ...controller.neurocontroller import Neurocontroller
 from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import STAGES, Life
-from ..agents.senses import senses_of
+from ..agents.signals import senses_of
 from ..storage import Shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment

@@ -10,7 +10,7 @@ import torch
 
 from musebot.protocols.agents.checked_agent import CheckedAgent
 from musebot.protocols.agents.hand_coded import HandCoded
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError, RunError
 

@@ -6,7 +6,7 @@ import pytest
 import musebot
 from musebot.protocols.agents import ppo
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.runs.cohort import Cohort, make_agent
 from musebot.protocols.runs.conditions import CohortKey, Condition
