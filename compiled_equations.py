@@ -146,7 +146,7 @@ def scratch(inputs, neurons, count):
 @_brain
 def act(nets, space, state, draws, robot, now):
     """Selects a robot's action among proposed ones, and records it in the robot's row of `now`."""
-    evaluation, memory, (pool, fixed) = nets[:3]
+    evaluation, memory, (pool, fixed), _, _ = nets
     rows, actions, exploring = draws
     motors, hidden, values, (patterns, each) = space
     if len(fixed):  # the signs that were drawn, at the robot's own connections
@@ -176,11 +176,12 @@ def learn(nets, space, reward, robot, before, now):
     """
     evaluation, memory, _, discount, rate = nets
     states, selected, _, chained = before
+    _, _, following, _ = now
     inputs, (hidden, recalling), value, outputs = space
     state, action = states[robot], selected[robot]
     inputs[:-2], inputs[-2:] = state, action
     forward(evaluation[robot], inputs, hidden, value)
-    error = chained[robot] * (reward + discount * now[2][robot] - value[0])
+    error = chained[robot] * (reward + discount * following[robot] - value[0])
     value[0] = rate * error
     ascend(evaluation[robot], inputs, hidden, value)
     if memory.size:
@@ -204,7 +205,8 @@ def act_all(nets, neurons, state, draws, now):
 @_brain
 def learn_all(nets, neurons, reward, before, now, error):
     """Trains the networks of all robots, and writes the TD errors into `error`, shape (B,)."""
-    _, space = scratch(before[0].shape[1], neurons, 1)
+    states, _, _, _ = before
+    _, space = scratch(states.shape[1], neurons, 1)
     for robot in range(len(reward)):
         error[robot] = learn(nets, space, reward[robot], robot, before, now)
 
@@ -224,7 +226,7 @@ def _share(start, step, room):
 @_body
 def drive(size, how, pose, left, right):
     """Moves a robot along a path as `models.kinematic.drive`; returns whether it pushes a wall."""
-    length, width, base, speed = size[:4]
+    length, width, base, speed, _, _, _ = size
     refuses, _, arc, seconds, _ = how
     turn = (right - left) * speed / base * seconds
     ahead, along = (left + right) * speed / 2 * seconds, pose[2]
@@ -249,17 +251,19 @@ def move(size, how, pose, left, right):
 
     Returns whether the robot is in contact.
     """
+    length, width, _, _, _, _, margin = size
+    _, pushed, _, _, pieces = how
     pushing = False
-    for _ in range(how[4]):
+    for _ in range(pieces):
         pushing = drive(size, how, pose, left, right)
-    gap = min(size[0] - abs(pose[0]), size[1] - abs(pose[1]))
-    return pushing if how[1] else gap <= size[6]
+    gap = min(length - abs(pose[0]), width - abs(pose[1]))
+    return pushing if pushed else gap <= margin
 
 
 @_body
 def measure(size, pose, spot, touch, sensors):
     """Writes what a robot measures; see `tasks.kinematic.measure`."""
-    length, width, radius, nose = size[0], size[1], size[4], size[5]
+    length, width, _, _, radius, nose, _ = size
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     rays = ((cosine, sine), (-cosine, -sine), (-sine, cosine), (sine, -cosine))
     for number, (x, y) in enumerate(rays):
@@ -306,7 +310,7 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Three tuples of numbers, which `protocols.runs.compiled.world_of` returns. They
+      world: Three tuples of numbers, which `protocols.runs.compiled_life.world_of` returns. They
         describe the robot and its arena, the `Kinematics`, and the task.
       robots: Tuple of the arrays that `KinematicBatch.arrays` returns, in this order: `poses`,
         `wheels`, `touch`, `spots`, `sensordata`, `valid`. All but `spots` are changed in place.
@@ -322,14 +326,14 @@ def simulate(world, robots, brain, draws, learning, counts):
     rows, actions, exploring = draws
     states, selected, values, chained = now
     acting, lesson = scratch(states.shape[1], neurons, rows.shape[2] or actions.shape[2])
-    before = states.copy(), selected.copy(), values, chained.copy()
+    past, done, linked = states.copy(), selected.copy(), chained.copy()
+    before = past, done, values, linked
     state = np.empty_like(states[0])
     for robot in range(len(poses)):
         pose, sensors = poses[robot], sensordata[robot]
         reward, event = sense(task, sensors, state)
         for step in range(len(exploring)):
-            before[0][robot], before[1][robot] = states[robot], selected[robot]
-            before[3][robot] = chained[robot]
+            past[robot], done[robot], linked[robot] = states[robot], selected[robot], chained[robot]
             drawn = rows[step], actions[step], exploring[step]
             act(nets, acting, state, drawn, robot, now)
             if learning:

@@ -28,6 +28,7 @@ class CompiledNeurocontroller(Neurocontroller):
       nets: Tuple of five: weights of the evaluation networks, weights of the memories, noise,
         discount factor, learn rate. The noise is a pair: the pool and `fixed` of `NoisePatterns`.
       neurons: Numbers of hidden neurons in the evaluation network and in the memory, in this order.
+      actions: Number A of proposed actions.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -48,6 +49,7 @@ class CompiledNeurocontroller(Neurocontroller):
         rates = np.float32(p.discount), np.float32(p.learn_rate)
         self.nets = self.evaluation.networks.weights.numpy(), memory, (pool, fixed), *rates
         self.neurons = p.evaluation_hidden, p.memory_hidden
+        self.actions = p.ideas if self._fixed is None else len(self._fixed)
         self._steps = [_views(step) for step in (self._previous, self._current)]
 
     @property
@@ -73,9 +75,7 @@ class CompiledNeurocontroller(Neurocontroller):
           of a random proposer, shape (K, B, A, 2), or of a fixed one, shape (K, 1, A, 2), else
           empty; index of each robot's exploratory action, -1 for a greedy robot, shape (K, B).
         """
-        robots, count, host = len(self.nets[0]), self._parameters.ideas, torch.device("cpu")
-        if self._fixed is not None:
-            count = len(self._fixed)
+        robots, count, host = len(self.nets[0]), self.actions, torch.device("cpu")
         rows, proposed, explores = [], [], []
         for _ in range(steps):
             if self._patterns is not None:

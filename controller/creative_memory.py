@@ -207,7 +207,6 @@ class HeldNoisePatterns:
           count: Number of patterns that are held: one for each idea of each robot.
           steps: Number of steps for which a pattern is held; 0 for life.
         """
-        self.noisy = patterns.noisy
         self._patterns = patterns
         self._steps = steps
         self._held = torch.zeros(count, patterns.connections)

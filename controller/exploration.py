@@ -87,7 +87,6 @@ class Schedule:
     """Epsilon or the learn rate: constant, or, beyond the paper, with an exponential decay.
 
     Attributes:
-      decays: Whether the value changes during training.
       value: Value in the present step: a number, or, if it decays on a GPU, a tensor of shape ().
         The tensor is changed in place, so that steps captured as CUDA graphs read the new value.
     """
@@ -100,7 +99,6 @@ class Schedule:
         Without an initial value, the final one holds in all steps.
         """
         self._initial, self._final, self._steps = initial, final, steps
-        self.decays = initial is not None
         self.value = final
         if initial is not None and torch.get_default_device().type != "cpu":
             self.value = torch.full((), float(initial))

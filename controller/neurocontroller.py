@@ -14,7 +14,7 @@ from .evaluation_network import EvaluationNetwork, td_target
 from .exploration import EpsilonGreedy, Exploration, PersistentExploration, Schedule
 from .networks import load_into
 from .parameters import PROPOSERS, Parameters
-from .senses import Encoding, Senses, Signal
+from .senses import Encoding, Senses
 from .step import Step
 
 
@@ -45,9 +45,8 @@ class Neurocontroller:
         parameters: Parameters,
         proposer: str,
         robots: int,
-        sensors: int,
+        senses: Senses,
         seed: int,
-        senses: Senses | None = None,
     ) -> None:
         """Draws the initial brains.
 
@@ -55,13 +54,11 @@ class Neurocontroller:
           parameters: Parameters that all B brains share.
           proposer: Action proposer, "fixed", "random" or "creative".
           robots: Number B of robots.
-          sensors: Number S of sensor signals in a state.
+          senses: Ranges of the S sensor signals in a state, and of the reward.
           seed: Seed of the brains' random stream.
-          senses: Ranges of signals and reward; required if `parameters.needs_senses`.
 
         Raises:
-          ValueError: The proposer is unknown, or `senses` is missing where it is required or has
-            another number of signals than `sensors`.
+          ValueError: The proposer is unknown.
         """
         if proposer not in PROPOSERS:
             raise ValueError(f"proposer must be one of {', '.join(PROPOSERS)}, got {proposer!r}")
@@ -69,13 +66,9 @@ class Neurocontroller:
         generator = torch.Generator(torch.get_default_device()).manual_seed(seed)
         self.generator = generator
 
-        signals = (Signal(0, 1),) * sensors if senses is None else senses.state
-        if len(signals) != sensors or (senses is None and p.needs_senses):
-            given = "none" if senses is None else len(signals)
-            raise ValueError(f"senses must give the range of all {sensors} signals, got {given}")
-        self._encoding = Encoding(signals, p.centred_inputs, p.raw_signals)
+        self._encoding = Encoding(senses.state, p.centred_inputs, p.raw_signals)
         self._maximal_reward = None
-        if p.raw_reward and senses is not None and senses.reward.maximal:
+        if p.raw_reward and senses.reward.maximal:
             self._maximal_reward = torch.tensor(senses.reward.maximal)
         self._context = None
         if p.context_neurons:
@@ -243,11 +236,13 @@ class Neurocontroller:
         """Returns all weights and biases by name, as "evaluation.hidden_weights", shapes (B, ...).
 
         The connections of a recurrent context are among them, as "context.recurrent_weights" and
-        "context.input_weights".
+        "context.input_weights", and the indices of fixed noisy connections, as "noise.fixed".
         """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:
             tensors |= _prefixed("memory", self.memory.networks.tensors())
+            if self._parameters.noisy_connections == "fixed":
+                tensors["noise.fixed"] = self.memory.patterns.tensors()["fixed"]
         if self._context is not None:
             tensors |= _prefixed("context", self._context.weights())
         return tensors

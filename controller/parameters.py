@@ -156,11 +156,6 @@ class Parameters(Checked):
         return self.raw_signals or self.raw_reward
 
     @property
-    def needs_senses(self) -> bool:
-        """Whether the brain must know the ranges of its signals."""
-        return self.centred_inputs or self.needs_maximal_smell
-
-    @property
     def compares_rewards(self) -> bool:
         """Whether Eq. 1's target needs the reward of the previous step."""
         return self.clipped_bootstrap or self.reward_form == "difference"

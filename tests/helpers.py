@@ -25,6 +25,13 @@ def recorded(owner, method):
     return found
 
 
+def unit_senses(signals):
+    """Returns senses of signals, and of a reward, in [0, 1] that do not saturate."""
+    from musebot.controller import Senses, Signal
+
+    return Senses((Signal(0, 1),) * signals, Signal(0, 1))
+
+
 def same(first, second):
     """Returns whether tensors by name are equal."""
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)

@@ -8,6 +8,7 @@ import itertools
 import numpy as np
 import pytest
 import torch
+from helpers import unit_senses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -19,7 +20,7 @@ from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.compiled import compilable, world_of
+from musebot.protocols.runs.compiled_life import compilable, world_of
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.config import READINGS
 from musebot.protocols.runs.experiment import Experiment
@@ -51,7 +52,7 @@ def test_the_logistic_function_is_exact_to_3e_7(x):
     ],
 )
 def test_a_step_from_an_equal_state_is_pytorchs_to_1e_5(parameters, proposer, sensors):
-    arguments = parameters, proposer, 30, sensors, 7
+    arguments = parameters, proposer, 30, unit_senses(sensors), 7
     first, second = Neurocontroller(*arguments), CompiledNeurocontroller(*arguments)
     random, worst = torch.Generator().manual_seed(1), 0.0
     for step in range(100):  # 1,000 gave no larger difference
@@ -149,6 +150,24 @@ def test_a_compiled_life_that_stops_anywhere_continues_to_the_same_bytes():
     for name, array in whole.checkpoint()[0].items():
         np.testing.assert_array_equal(array, parts.checkpoint()[0][name])
     assert whole.lives().events.sum() > 0
+
+
+@pytest.mark.parametrize("proposer", PROPOSERS)
+def test_the_numbers_drawn_at_once_are_limited_for_any_number_of_actions(proposer, monkeypatch):
+    motors = tuple(np.linspace(-0.5, 0.5, 40).tolist())
+    brain = Parameters(ideas=len(motors) ** 2, fixed_motors=motors)
+    drawn, draw = [], CompiledNeurocontroller.draw
+
+    def drawing(self, steps, explore):
+        drawn.append(steps)
+        return draw(self, steps, explore)
+
+    monkeypatch.setattr(CompiledNeurocontroller, "draw", drawing)
+    experiment = dataclasses.replace(LONG, brain=brain)
+    cohort = Cohort(experiment, CohortKey(Condition("spot_finding", proposer), 0))
+    cohort.advance(cohort.steps)
+    assert sum(drawn) == cohort.steps
+    assert (max(drawn) - 1) * LONG.cohort_size * brain.ideas <= 500_000
 
 
 def test_a_robot_whose_weights_are_not_finite_stops_alone():

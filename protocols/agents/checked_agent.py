@@ -49,7 +49,9 @@ class CheckedAgent(Agent):
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
         """See `Agent.act`; only robots with a NaN or infinite weight may have such motor values."""
-        motors = np.asarray(self._call("act", state.copy(), learning))
+        motors = self._call("act", state.copy(), learning)
+        with ending_in_a_sentence(f"{self._name} must return motor values as an array", InputError):
+            motors = np.asarray(motors)
         if motors.shape != (self._robots, 2):
             raise self._wrong(f"motor values of shape ({self._robots}, 2), got {motors.shape}")
         if motors.dtype.kind not in "fiu":
@@ -70,7 +72,7 @@ class CheckedAgent(Agent):
         return self._arrays("state")
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self._call("load_state", _copied(arrays), passed=(ValueError, KeyError))
+        self._call("load_state", copied(arrays), passed=(ValueError, KeyError))
 
     def weights(self) -> dict[str, np.ndarray]:
         arrays = self._arrays("weights")
@@ -82,7 +84,7 @@ class CheckedAgent(Agent):
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         passed = (ValueError, KeyError, NotImplementedError)
-        self._call("load_weights", _copied(arrays), passed=passed)
+        self._call("load_weights", copied(arrays), passed=passed)
 
     def _call(self, method: str, *arguments: Any, passed: tuple[type[Exception], ...] = ()) -> Any:
         with ending_in_a_sentence(f"{self._name} failed in {method}", passed=passed):
@@ -104,7 +106,8 @@ class CheckedAgent(Agent):
         return InputError(f"{self._name} must return {words}")
 
 
-def _copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def copied(arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Returns copies of arrays by name."""
     return {name: array.copy() for name, array in arrays.items()}
 
 

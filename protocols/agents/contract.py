@@ -19,11 +19,11 @@ import numpy as np
 from ...controller.senses import Senses
 from ..errors import InputError, RunError
 from .base import Agent
-from .checked_agent import CheckedAgent
+from .checked_agent import CheckedAgent, copied
 from .factory import factory_of, trust
 from .names import OWN_BOUNDS, recorded_name
-from .senses import random_signals, raw_senses, senses_of
 from .settings import Setting, checked_settings, settings_from, settings_of
+from .signals import random_signals, raw_senses, senses_of
 
 ROBOTS, STEPS = 4, 60
 _CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps
@@ -62,7 +62,7 @@ class AgentContract:
     def test_weights_stay_finite(self) -> None:
         """No weight becomes NaN or infinite; a simulation would stop such a robot."""
         agent = self.made()
-        for step in range(STEPS):
+        for step in range(STEPS + 1):  # the last only looks: no step is left
             for name, array in agent.weights().items():
                 for robot in np.argwhere(~np.isfinite(array))[:1, 0]:
                     _law(False, f"{name} of robot {robot} is not finite after {step} steps")
@@ -75,7 +75,7 @@ class AgentContract:
     def test_training_changes_weights(self) -> None:
         """Training changes the weights; an agent without weights may learn elsewhere."""
         agent = self.made()
-        born = _copied(agent.weights())
+        born = copied(agent.weights())
         self.feed(agent, 0, STEPS)
         if born and self.learns:
             changed = _differing(born, agent.weights())
@@ -85,7 +85,7 @@ class AgentContract:
         """A test, which is without learning, leaves the weights as they are."""
         agent = self.made()
         self.feed(agent, 0, 30)
-        before = _copied(agent.weights())
+        before = copied(agent.weights())
         self.feed(agent, 30, STEPS, learning=False)
         changed = _differing(before, agent.weights())
         _law(not changed, f"a test changes the weights {changed}")
@@ -96,7 +96,7 @@ class AgentContract:
         states = {}
         for step in _CHECKPOINTS:
             self.feed(first, begin, step)
-            states[step], begin = _copied(first.state()), step
+            states[step], begin = copied(first.state()), step
         self.feed(first, begin, STEPS)
         for step, state in states.items():
             second = self.made(seed=3)
@@ -123,7 +123,7 @@ class AgentContract:
             agent.reset()
             agent.act(self.stream[0][20], True)
             agent.learn(np.full(ROBOTS, reward))
-            found.append(_copied(agent.weights()))
+            found.append(copied(agent.weights()))
         changed = _differing(*found)
         _law(not changed, f"the first reward after reset changes {changed}")
 
@@ -132,7 +132,7 @@ class AgentContract:
         agent, other = self.made(), self.made(seed=3)
         self.feed(agent, 0, STEPS)
         try:
-            _loaded("load_weights", other, _copied(agent.weights()))
+            _loaded("load_weights", other, copied(agent.weights()))
         except NotImplementedError:
             return
         tests = []
@@ -155,7 +155,7 @@ class AgentContract:
         _law(equal, "another value of one robot's settings changes the actions of others")
 
     def broken(self) -> list[str]:
-        """Returns a sentence for each law that the agent breaks.
+        """Returns a sentence for each law that the agent breaks, without repetitions.
 
         Raises:
           InputError: the agent cannot be made.
@@ -168,7 +168,7 @@ class AgentContract:
                 getattr(self, law)()
             except (AssertionError, InputError, RunError) as error:
                 sentences.append(str(error))
-        return sentences
+        return [*dict.fromkeys(sentences)]
 
     @property
     def _factory(self) -> Callable[..., Agent]:
@@ -216,7 +216,7 @@ class AgentContract:
 
 
 def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
-    """Returns a sentence for each law that an agent breaks, in four cases of task and signals.
+    """Returns what `AgentContract.broken` returns, in four cases of task and signals.
 
     The agent's code is run; its settings are given as NAME=VALUE.
 
@@ -269,10 +269,6 @@ def _loaded(method: str, agent: Agent, arrays: Arrays) -> None:
 def _at(settings: Mapping[str, Setting], *shares: float) -> dict[str, list[float]]:
     """Returns each setting's values at the given shares of its range, from 0 to 1."""
     return {name: [one.at(share) for share in shares] for name, one in settings.items()}
-
-
-def _copied(arrays: Arrays) -> dict[str, np.ndarray]:
-    return {name: array.copy() for name, array in arrays.items()}
 
 
 def _differing(first: Arrays, second: Arrays) -> str:

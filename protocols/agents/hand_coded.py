@@ -1,4 +1,4 @@
-"""Bounds of what robots can learn: a hand-coded policy (upper), an untrained brain (lower)."""
+"""A hand-coded policy, an upper bound of what robots can learn."""
 
 from __future__ import annotations
 
@@ -6,12 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ...controller.neurocontroller import Neurocontroller
-from ...controller.presets import BRAINS
 from ...controller.senses import Senses
 from ..errors import InputError
 from .base import Agent
-from .neurocontroller import NeurocontrollerAgent
 
 _SIGNALS = 5  # of a robot that senses walls: front, back, left, right, contact
 
@@ -72,16 +69,6 @@ class HandCoded(Agent):
         """Does nothing: the policy has no weights."""
 
 
-class Newborn(NeurocontrollerAgent):
-    """An untrained brain that learns nothing and does not explore."""
-
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        return super().act(state, False)
-
-    def learn(self, reward: np.ndarray) -> None:
-        """Learns nothing."""
-
-
 def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
     """Makes robots with the hand-coded policy, an upper bound of what can be learned.
 
@@ -90,10 +77,3 @@ def hand_coded(robots: int, senses: Senses, seed: int) -> Agent:
     """
     del robots, seed  # it has no state, and nothing is random
     return HandCoded(senses)
-
-
-def newborn(robots: int, senses: Senses, seed: int) -> Agent:
-    """Makes untrained creative robots with the brain `steady`, a lower bound of what is learned."""
-    brain = BRAINS["steady"]
-    state = len(senses.state)
-    return Newborn(Neurocontroller(brain, "creative", robots, state, seed, senses))

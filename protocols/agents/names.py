@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.metadata import entry_points
 
 from ...controller.parameters import PROPOSERS
@@ -28,7 +28,7 @@ OWN: Mapping[str, tuple[str, str]] = {
     "dqn_centred": ("musebot:dqn_centred", "learners.plasticity"),
     "ppo": ("musebot.protocols.ppo:ppo", "ppo"),
     "hand_coded": ("musebot.protocols.baselines:hand_coded", "hand_coded"),
-    "newborn": ("musebot:newborn", "hand_coded"),
+    "newborn": ("musebot:newborn", "neurocontroller"),
 }
 RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
 FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}
@@ -79,9 +79,3 @@ def short_name(name: str) -> str:
     """Returns the short or registered name of an agent that a run records, or the name itself."""
     known = {**registered_names(), **RECORDED_NAMES}
     return next((short for short, recorded in known.items() if recorded == name), name)
-
-
-def run_words(agent: str, signals: str, settings: Sequence[str]) -> str:
-    """Returns the options of `musebot run` that choose an agent, its signals and its settings."""
-    chosen = [*(["signals=raw"] if signals == "raw" else []), *(f"agent.{one}" for one in settings)]
-    return " ".join([f"--agent {agent}", *(["--set", *chosen] if chosen else [])])

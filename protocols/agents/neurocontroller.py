@@ -1,4 +1,4 @@
-"""The paper's neurocontroller as an agent."""
+"""The paper's neurocontroller as an agent; an untrained one is a lower bound of what is learned."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import numpy as np
 import torch
 
 from ...controller.neurocontroller import Neurocontroller
+from ...controller.presets import BRAINS
+from ...controller.senses import Senses
 from .base import Agent
 
 
@@ -54,3 +56,18 @@ class NeurocontrollerAgent(Agent):
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         self.controller.load_networks({k: torch.from_numpy(v) for k, v in arrays.items()})
+
+
+class Newborn(NeurocontrollerAgent):
+    """An untrained brain that learns nothing and does not explore."""
+
+    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
+        return super().act(state, False)
+
+    def learn(self, reward: np.ndarray) -> None:
+        """Learns nothing."""
+
+
+def newborn(robots: int, senses: Senses, seed: int) -> Agent:
+    """Makes untrained creative robots with the brain `steady`, a lower bound of what is learned."""
+    return Newborn(Neurocontroller(BRAINS["steady"], "creative", robots, senses, seed))

@@ -20,12 +20,12 @@ from ..errors import DamagedFileError, InputError, check_name
 from ..examples import POLICIES
 from ..storage import Shapes, digest, load_arrays
 from .base import Agent
-from .senses import senses_of
+from .signals import senses_of
 
 WIDTHS = 64, 64  # tanh neurons of the hidden layers; then follows the mean action
 
-# Tasks on which the policies of `ppo` are trained, by the number of sensor signals.
-TRAINED_ON = {5: "wall_avoidance_unit", 1: "spot_finding_unit", 6: "spot_finding_walls"}
+# Tasks on which the policies of `ppo` are trained; they drive robots with the same signals.
+TRAINED_ON = "wall_avoidance_unit", "spot_finding_unit", "spot_finding_walls"
 FOLDER = Path("policies")
 POLICIES_FILE = "policies.safetensors"
 
@@ -156,10 +156,10 @@ def ppo(robots: int, senses: Senses, seed: int) -> Agent:
       InputError: there is no such file, it has too few policies, or none is for these signals.
     """
     del seed
-    sensors = len(senses.state)
-    if sensors not in TRAINED_ON:
-        raise InputError(f"PPO was trained for {sorted(TRAINED_ON)} signals, got {sensors}")
-    task = TRAINED_ON[sensors]
+    task = next((one for one in TRAINED_ON if senses_of(one).state == senses.state), None)
+    if task is None:
+        tasks = ", ".join(TRAINED_ON)
+        raise InputError(f"ppo has no policies for these signals, only for those of {tasks}")
     path = FOLDER / task / POLICIES_FILE
     if not path.exists():
         raise InputError(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from importlib.metadata import entry_points
 
 from ...controller.presets import INGREDIENTS
+from ..agents.names import OWN, recorded_name, registered_names
 from ..errors import InputError, nearest
 from ..terminal import say
 from .options import argument
@@ -85,14 +85,10 @@ class List:
             for line in _settings(self.kind):
                 say(line)
             return
-        others = {
-            point.name: f"Another package's: {point.value}."
-            for point in entry_points(group="musebot.agents")
-        }
         for kind in [self.kind] if self.kind else NAMES:
             lines = dict(NAMES[kind])
             if kind == "agents":
-                lines |= {name: line for name, line in others.items() if name not in lines}
+                lines |= {k: f"Another package's: {v}." for k, v in registered_names().items()}
             if not self.kind:
                 say(f"{kind}:")
             width = max(map(len, lines))
@@ -103,7 +99,6 @@ class List:
 def _settings(agent: str) -> list[str]:
     """Returns a line for each setting of an agent: name, default, range and meaning."""
     from ..agents.factory import factory_of, trust
-    from ..agents.names import OWN, recorded_name, registered_names
     from ..agents.settings import settings_of
 
     if agent not in {*OWN, *registered_names()} and ":" not in agent:

@@ -14,9 +14,10 @@ from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import Life, control_steps, place
 from ...tasks.suite import task_definition
 from ..agents.base import Agent
-from ..agents.hand_coded import HandCoded, newborn
+from ..agents.hand_coded import HandCoded
 from ..agents.informed import Informed
-from ..agents.senses import senses_of
+from ..agents.neurocontroller import newborn
+from ..agents.signals import senses_of
 from ..analysis.adaptation import Bounds
 from ..runs.device import decide
 from ..runs.experiment import Experiment

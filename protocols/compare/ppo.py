@@ -17,7 +17,7 @@ from ...fields import whole
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
 from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
-from ..agents.senses import senses_of
+from ..agents.signals import senses_of
 from ..errors import InputError, check_name
 from ..storage import save_arrays
 from .jobs import ArrayJob, Arrays, Progress

@@ -19,7 +19,7 @@ from ...fields import whole
 from ...models import Kinematics
 from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
-from ..agents.names import recorded_name, run_words, short_name
+from ..agents.names import recorded_name, short_name
 from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError, check_name
@@ -186,6 +186,9 @@ class Tune(Study):
             values = trial.values(self.settings).values()
             rows.append([str(trial.number), *values, f"{early.mean():.3f}", *cells])
         winner, name = ranked[0].trial, short_name(self.condition.proposer)
+        chosen = ["signals=raw"] * (self.signals == "raw")
+        chosen += [f"agent.{setting}" for setting in winner.settings]
+        words = " ".join([f"--agent {name}", *["--set"] * bool(chosen), *chosen])
         lines = [
             f"## {name}, {self.signals} signals",
             "",
@@ -197,8 +200,7 @@ class Tune(Study):
             "intervals over robots. The best of several trials was also lucky: only runs on other "
             "seeds measure it.",
             "",
-            f"Best: trial {winner.number}, `musebot run OUT "
-            f"{run_words(name, self.signals, winner.settings)}`",
+            f"Best: trial {winner.number}, `musebot run OUT {words}`",
             "",
         ]
         return Page("\n".join(lines))

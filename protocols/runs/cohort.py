@@ -19,7 +19,7 @@ from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
-from ..agents.senses import RawSignals, raw_senses, senses_of
+from ..agents.signals import RawSignals, raw_senses, senses_of
 from ..agents.settings import checked_settings, settings_from
 from ..errors import InputError
 from ..storage import DTYPES, Shapes
@@ -68,7 +68,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         make_brain = Neurocontroller
         if experiment.backend == "numba":
             from ...controller.compiled import CompiledNeurocontroller as make_brain
-        controller = make_brain(experiment.brain, proposer, robots, len(senses.state), seed, senses)
+        controller = make_brain(experiment.brain, proposer, robots, senses, seed)
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     if experiment.nose == "printed" and proposer in OWN_BOUNDS:
         if any(signal.maximal for signal in senses.state):
@@ -94,7 +94,7 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
     # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
-    from .compiled import compiled_life
+    from .compiled_life import compiled_life
 
     return compiled_life(agent.controller, batch)
 

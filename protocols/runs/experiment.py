@@ -60,7 +60,7 @@ class Experiment:
       backend: Library that computes the paper's brain: "torch", or "numba", which also computes the
         kinematic simulator (docs/performance.md). Lives with the two differ by rounding.
       signals: Observation set of agents: "paper", or "raw" with smell and reward before they
-        saturate (see `agents.senses`). For brains, the parameters `raw_signals` and `raw_reward`
+        saturate (see `agents.signals`). For brains, the parameters `raw_signals` and `raw_reward`
         set this.
       settings: Settings of agents that differ from their defaults, as NAME=VALUE.
       life: Life that the user defines; None if all lives are those of `tasks.lives.LIVES`.

@@ -14,7 +14,7 @@ import numpy as np
 from ...controller.neurocontroller import Neurocontroller
 from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.lives import STAGES, Life
-from ..agents.senses import senses_of
+from ..agents.signals import senses_of
 from ..storage import Shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
@@ -90,9 +90,7 @@ def network_shapes(
     if not condition.has_brain:
         return None
     senses = senses_of(experiment.life_of(condition.task).task)
-    controller = Neurocontroller(
-        experiment.brain, condition.proposer, 1, len(senses.state), 0, senses
-    )
+    controller = Neurocontroller(experiment.brain, condition.proposer, 1, senses, 0)
     shapes = {name: tuple(tensor.shape[1:]) for name, tensor in controller.networks().items()}
     return MappingProxyType(shapes)
 
@@ -123,7 +121,8 @@ def lives_shapes(
         weights = {k.partition("/")[2]: x for k, x in found.items() if k.startswith("after/")}
         weights = {name: (dtype, (robots, *shape[1:])) for name, (dtype, shape) in weights.items()}
     else:
-        weights = {name: ("F32", (robots, *shape)) for name, shape in own.items()}
+        kinds = {"noise.fixed": "I64"}  # indices of connections
+        weights = {n: (kinds.get(n, "F32"), (robots, *shape)) for n, shape in own.items()}
     return wanted | {f"{when}/{name}": kind for when in WHEN for name, kind in weights.items()}
 
 

@@ -6,10 +6,11 @@ import sys
 
 import numpy as np
 import pytest
+import torch
 
 from musebot.protocols.agents.checked_agent import CheckedAgent
 from musebot.protocols.agents.hand_coded import HandCoded
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError, RunError
 
@@ -33,10 +34,12 @@ WRONG_MOTORS = [
       for kind in (complex, object, bool)),
     *((np.array([[0, 0], [0.5, x]]), rf"that are finite, got \[0.5, {x}\] for robot 1")
       for x in (np.nan, np.inf, -np.inf)),
+    (torch.zeros(2, 2, requires_grad=True), r"as an array \(RuntimeError: Can't call numpy"),
+    ([[0.5, 0.5], [0.5]], r"as an array \(ValueError: "),
 ]  # fmt: skip
 
 
-def test_motor_values_of_another_shape_or_kind_or_that_are_not_finite_are_refused():
+def test_motor_values_that_are_no_array_of_finite_numbers_of_their_shape_are_refused():
     for motors, words in WRONG_MOTORS:
         agent = checked(act=lambda *_, motors=motors: motors)
         with pytest.raises((InputError, RunError), match=f"mine:make must .*values {words}"):

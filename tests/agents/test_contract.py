@@ -75,18 +75,11 @@ def learning_in_tests(agent, state, learning):
     return Mean.act(agent, state, learning)
 
 
-def broken_later(agent, reward):
-    Mean.learn(agent, reward)
-    agent.steps = getattr(agent, "steps", 0) + 1
-    if agent.steps == 10:
-        agent.mean[3] = np.nan
-
-
 def half_a_word_lost(agent, arrays):
     Mean.load_state(agent, arrays | {"random": [*arrays["random"][:4], 0, 0]})
 
 
-def refused(agent, arrays):
+def refused(agent, *given):
     raise KeyError("median")
 
 
@@ -101,6 +94,25 @@ class ForgetsWhatItLearnsFrom(Mean):
 
     def state(self):
         return super().state() | {"total": np.array([self.total])}
+
+
+class BreaksAtTheEnd(Mean):
+    """A weight becomes NaN in the last step of training."""
+
+    steps, last = 0, 60
+
+    def learn(self, reward):
+        super().learn(reward)
+        self.steps += 1
+        if self.steps == self.last:
+            self.mean[3] = np.nan
+
+    def state(self):
+        return super().state() | {"steps": np.array(self.steps)}
+
+    def load_state(self, arrays):
+        super().load_state(arrays)
+        self.steps = int(arrays["steps"])
 
 
 class KeepsNotAll(Mean):
@@ -153,9 +165,11 @@ FAULTS = {  # an agent, and what the contract says of it
         {"the first reward after reset changes mean"},
     ),
     "NotFiniteLater": (
-        faulty(learn=broken_later),
+        type("BreaksLater", (BreaksAtTheEnd,), {"last": 10}),
         {"mean of robot 3 is not finite after 10 steps", "values are not finite"},
     ),
+    "NotFiniteAtTheEnd": (BreaksAtTheEnd, {"mean of robot 3 is not finite after 60 steps"}),
+    "FailsInAct": (faulty(act=refused), {"failed in act (KeyError: 'median'"}),
     "KeepsNotAll": (KeepsNotAll, {WEIGHTS}),
     "FailsWhenItLoads": (
         faulty(load_weights=lambda *_: sys.exit(0)),
@@ -180,7 +194,7 @@ def test_a_fault_breaks_its_own_law_and_no_other(name):
     broken, (_, laws) = check_agent(f"mine:{name}"), FAULTS[name]
     assert all(any(words in sentence for sentence in broken) for words in laws)
     assert all(any(words in sentence for words in laws) for sentence in broken)
-    assert all("\n" not in sentence for sentence in broken)
+    assert all("\n" not in sentence for sentence in broken) and len({*broken}) == len(broken)
 
 
 def rated(of):

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from musebot.controller.senses import Senses, Signal
-from musebot.protocols.agents.hand_coded import hand_coded, newborn
+from musebot.protocols.agents.hand_coded import hand_coded
 from musebot.protocols.agents.names import recorded_name
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.neurocontroller import newborn
+from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.cohort import make_agent
 from musebot.protocols.runs.conditions import Condition

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 import musebot
-from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents import ppo
 from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
-from musebot.protocols.agents.senses import senses_of
+from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.runs.cohort import Cohort, make_agent
 from musebot.protocols.runs.conditions import CohortKey, Condition
@@ -36,7 +35,7 @@ def file_of(task):
 def folder(tmp_path, monkeypatch):
     """A working folder with three policies for either task."""
     monkeypatch.chdir(tmp_path)
-    for task in ppo.TRAINED_ON.values():
+    for task in ppo.TRAINED_ON:
         path = file_of(task)
         path.parent.mkdir(parents=True)
         save_arrays(path, newborn(task, 3).arrays, task=task, steps=1)
@@ -80,14 +79,24 @@ def test_weights_that_a_run_keeps_drive_a_policy_again(folder):
             other.load_weights(wrong)
 
 
+def test_policies_drive_robots_in_tasks_with_the_signals_of_their_training_only(folder):
+    for task in TASKS:
+        own = senses_of(task)
+        if any(senses_of(one).state == own.state for one in ppo.TRAINED_ON):
+            state = np.zeros((3, len(own.state)), np.float32)
+            assert ppo.ppo(robots=3, senses=own, seed=0).act(state, True).shape == (3, 2)
+        else:
+            assert task in ("wall_avoidance_obstacles", "spot_finding_two_noses")
+            with pytest.raises(InputError, match="ppo has no policies for these signals"):
+                ppo.ppo(robots=3, senses=own, seed=0)
+
+
 def test_missing_and_unfit_policies_are_refused(folder):
     def make(robots):
         return make_agent(Experiment(), Condition("wall_avoidance", AGENT), robots, 0)
 
     with pytest.raises(InputError, match="has 3 policies, too few for 4 robots"):
         make(4)
-    with pytest.raises(InputError, match=r"for \[1, 5, 6\] signals, got 2"):
-        ppo.ppo(robots=3, senses=Senses((Signal(0, 1),) * 2, Signal(0, 1)), seed=0)
     path = file_of("wall_avoidance_unit")
     file_of("spot_finding_unit").replace(path)
     with pytest.raises(InputError, match="holds policies for spot_finding_unit"):

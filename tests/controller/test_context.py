@@ -1,4 +1,4 @@
-"""The connections of the recurrent context; test_brains has its equation."""
+"""The connections of the recurrent context; test_presets has its equation."""
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ def test_every_robots_connections_have_the_spectral_radius(units):
 
 def test_only_acting_advances_the_context():
     signal = Signal(0.0, 1.0, 10.0)
-    brain = Neurocontroller(BRAINS["recurrent"], "creative", 3, 1, 1, Senses((signal,), signal))
+    brain = Neurocontroller(BRAINS["recurrent"], "creative", 3, Senses((signal,), signal), 1)
     state = torch.rand(3, 1)
     brain.propose(state)
     brain.values(state, torch.zeros(3, 1, 2))

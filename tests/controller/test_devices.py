@@ -36,7 +36,7 @@ def on_meta(monkeypatch):
 def test_a_step_reads_no_number_on_the_host(way, on_meta):
     parameters, proposer = WAYS[way]
     with torch.device("meta"):
-        brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, SENSES)
+        brain = Neurocontroller(parameters, proposer, ROBOTS, SENSES, 1)
     signals = torch.zeros(ROBOTS, 2, device="meta")
     for explore in (True, True, False, True):
         motors = brain.act(signals, explore)
@@ -56,19 +56,19 @@ def test_reading_a_number_or_mixing_devices_fails_on_meta(wrong):
 
 def test_all_state_but_the_counters_is_on_the_device(on_meta):
     with torch.device("meta"):
-        brain = Neurocontroller(BRAINS["recurrent"], "creative", ROBOTS, 2, 1, SENSES)
+        brain = Neurocontroller(BRAINS["recurrent"], "creative", ROBOTS, SENSES, 1)
     here = {n for n, tensor in brain.state().items() if tensor.device.type == "cpu"}
     assert here == {"age", "noise.age", "generator"}
 
 
 def test_a_state_of_the_host_is_loaded_onto_the_device(on_meta):
     parameters = BRAINS["steady"]
-    host = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+    host = Neurocontroller(parameters, "creative", ROBOTS, SENSES, 1)
     for _ in range(3):
         host.act(torch.zeros(ROBOTS, 2), True)
         host.learn(torch.zeros(ROBOTS))
     with torch.device("meta"):
-        brain = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+        brain = Neurocontroller(parameters, "creative", ROBOTS, SENSES, 1)
     brain.load_state(host.state())
     brain.act(torch.zeros(ROBOTS, 2, device="meta"), True)
     brain.learn(torch.zeros(ROBOTS, device="meta"))

@@ -1,4 +1,4 @@
-"""Initial weights of one-hidden-layer networks; test_brains.py has how they learn."""
+"""Initial weights of one-hidden-layer networks; test_presets.py has how they learn."""
 
 import torch
 from scipy import stats

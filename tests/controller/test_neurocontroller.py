@@ -1,4 +1,4 @@
-"""What every brain promises: checkpoints and loading; test_brains has that robots learn apart."""
+"""What every brain promises: checkpoints and loading; test_presets has that robots learn apart."""
 
 import pytest
 import torch
@@ -18,6 +18,7 @@ SENSES = Senses((Signal(0.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(0.0, 
 READINGS = {
     "noise-held": Parameters(noise_steps=3, ideas=3),
     "noise-for-life": Parameters(noise_steps=0, test_epsilon=0.3),
+    "noise-fixed": Parameters(noisy_connections="fixed"),
     "noise-on-biases": Parameters(noise_on_biases=True, keep_main_idea=True),
 }
 ALL_BRAINS = BRAINS | READINGS
@@ -33,7 +34,7 @@ def states(steps, robots, sensors, seed=0):
 @pytest.mark.parametrize("name", ["paper", "steady", "recurrent"])
 def test_changing_what_was_given_or_returned_does_not_affect_learning(name):
     careful, careless = (
-        Neurocontroller(BRAINS[name], "creative", 2, 5, seed=3, senses=SENSES) for _ in range(2)
+        Neurocontroller(BRAINS[name], "creative", 2, SENSES, seed=3) for _ in range(2)
     )
     for state in states(5, 2, 5):
         careful.act(state.clone(), explore=False)
@@ -51,7 +52,7 @@ def test_changing_what_was_given_or_returned_does_not_affect_learning(name):
 
 def test_only_creative_robots_have_a_memory():
     for proposer in PROPOSERS:
-        networks = Neurocontroller(Parameters(), proposer, 3, 5, seed=1).networks()
+        networks = Neurocontroller(Parameters(), proposer, 3, SENSES, seed=1).networks()
         shapes = {name: (*t.shape,) for name, t in networks.items() if "weights" in name}
         memory = {"memory.hidden_weights": (3, 5, 5), "memory.output_weights": (3, 2, 5)}
         assert shapes == {
@@ -63,7 +64,7 @@ def test_only_creative_robots_have_a_memory():
 
 def test_an_unknown_proposer_is_refused_by_name():
     with pytest.raises(ValueError, match="got 'oracle'"):
-        Neurocontroller(Parameters(), "oracle", 1, 1, seed=1)
+        Neurocontroller(Parameters(), "oracle", 1, SENSES, seed=1)
 
 
 def run(brain, sensed, start=0):
@@ -84,7 +85,7 @@ def test_a_seed_and_a_checkpoint_determine_the_rest_of_a_life(name, proposer, mo
     monkeypatch.setattr(NoisePatterns, "POOL", 64)
     sensed = states(26, 3, 5)  # the last step is not learned from
     first, twin, other = (
-        Neurocontroller(ALL_BRAINS[name], proposer, 3, 5, seed, SENSES) for seed in (10, 10, 999)
+        Neurocontroller(ALL_BRAINS[name], proposer, 3, SENSES, seed) for seed in (10, 10, 999)
     )
     assert not same(first.networks(), other.networks())
     whole = run(twin, sensed)
@@ -99,7 +100,7 @@ def test_a_seed_and_a_checkpoint_determine_the_rest_of_a_life(name, proposer, mo
 
 
 def test_a_state_with_a_missing_or_misshapen_tensor_is_refused_and_changes_nothing():
-    brain, other = (Neurocontroller(Parameters(), "creative", 3, 5, seed) for seed in (10, 11))
+    brain, other = (Neurocontroller(Parameters(), "creative", 3, SENSES, seed) for seed in (10, 11))
     run(brain, states(4, 3, 5))
     before, kept = snapshot(brain.state()), snapshot(other.state())
     for name in kept:
@@ -111,19 +112,24 @@ def test_a_state_with_a_missing_or_misshapen_tensor_is_refused_and_changes_nothi
 
 
 def test_networks_of_another_brain_can_be_loaded():
-    brain, other = (Neurocontroller(Parameters(), "creative", 3, 5, seed) for seed in (1, 2))
+    brain, other = (Neurocontroller(Parameters(), "creative", 3, SENSES, seed) for seed in (1, 2))
     brain.load_networks(snapshot(other.networks()))
     assert same(brain.networks(), other.networks())
     with pytest.raises(ValueError, match=r"memory\.\w+ is missing"):
-        fixed = Neurocontroller(Parameters(), "fixed", 3, 5, seed=3)
+        fixed = Neurocontroller(Parameters(), "fixed", 3, SENSES, seed=3)
         brain.load_networks(fixed.networks())
     with pytest.raises(ValueError, match=r"evaluation\.hidden_weights must have shape \(3, 7, 7\)"):
-        brain.load_networks(Neurocontroller(Parameters(), "creative", 3, 1, seed=3).networks())
+        one = Senses(SENSES.state[:1], SENSES.reward)
+        brain.load_networks(Neurocontroller(Parameters(), "creative", 3, one, seed=3).networks())
 
 
-def test_senses_of_another_number_of_signals_are_refused_and_none_where_they_are_needed():
-    two = Senses(SENSES.state[:2], SENSES.reward)
-    sentence = "senses must give the range of all 3 signals, got "
-    for name, senses, got in (("steady", None, "none"), ("steady", two, 2), ("paper", two, 2)):
-        with pytest.raises(ValueError, match=f"^{sentence}{got}$"):
-            Neurocontroller(BRAINS[name], "creative", 1, 3, seed=1, senses=senses)
+@pytest.mark.parametrize("steps", [0, 1, 3])
+def test_networks_are_loaded_with_their_fixed_noisy_connections(steps):
+    parameters = Parameters(noisy_connections="fixed", noise_steps=steps)
+    brain, other = (Neurocontroller(parameters, "creative", 3, SENSES, seed) for seed in (1, 2))
+    brain.load_networks(snapshot(other.networks()))
+    noisy = []
+    for patterns in (brain.memory.patterns, other.memory.patterns):
+        patterns.renew()
+        noisy.append((patterns.draw(75) != 0).view(3, 25, -1).any(dim=1))
+    assert noisy[0].sum() == 27 and torch.equal(*noisy)

@@ -30,7 +30,7 @@ ROBOTS = 3
 
 def steady(seed=1, proposer="creative", robots=ROBOTS, senses=SENSES, **fields):
     parameters = dataclasses.replace(STEADY, **fields)
-    return Neurocontroller(parameters, proposer, robots, 2, seed, senses)
+    return Neurocontroller(parameters, proposer, robots, senses, seed)
 
 
 def sensed(steps, robots=ROBOTS, seed=0):
@@ -164,7 +164,7 @@ LIVES += [(name, other, SENSES) for name in ("paper", "steady") for other in ("f
 def test_every_brain_learns_step_by_step_by_the_equations(name, proposer, senses):
     """Some steps are tests, without exploration or learning; after some, robots are moved."""
     parameters = dataclasses.replace(ALL[name], ideas=4, learn_rate_decay_steps=20.0)
-    brain = Neurocontroller(parameters, proposer, ROBOTS, 2, 1, senses)
+    brain = Neurocontroller(parameters, proposer, ROBOTS, senses, 1)
     literal = [LiteralBrain(brain, robot, parameters, senses) for robot in range(ROBOTS)]
     proposed = recorded(brain, "_propose")
     for step, state in enumerate(sensed(30)):
@@ -207,7 +207,7 @@ def test_docs_beyond_lists_every_ingredient_with_its_fields():
 def test_every_ingredient_can_be_removed_alone_and_has_an_effect():
     found = {}
     for name, parameters in BRAINS.items():
-        brain = Neurocontroller(parameters, "creative", ROBOTS, 2, 1, SENSES)
+        brain = Neurocontroller(parameters, "creative", ROBOTS, SENSES, 1)
         for state in sensed(60):
             before = snapshot(brain.networks())
             run(brain, [state])
@@ -230,7 +230,7 @@ NEUTRAL = [
 def test_what_an_ingredient_adds_leaves_the_papers_life_unchanged_where_it_is_off():
     lives = []
     for fields in ({}, *NEUTRAL):
-        brain = Neurocontroller(Parameters(**fields), "creative", ROBOTS, 2, 1, WALLS)
+        brain = Neurocontroller(Parameters(**fields), "creative", ROBOTS, WALLS, 1)
         run(brain, sensed(30), reward=1)
         lives.append(brain.state())
     paper, *others = lives
@@ -246,7 +246,7 @@ def test_a_brain_lives_with_the_least_of_every_whole_number():
 
 
 def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
-    brain = Neurocontroller(Parameters(), "creative", ROBOTS, 2, 1)
+    brain = Neurocontroller(Parameters(), "creative", ROBOTS, SENSES, 1)
     parts = {name.rpartition(".")[0] for name in brain.state()}
     assert parts == {"", "evaluation", "memory", "now", "noise"}
     now = {name for name in brain.state() if name.startswith("now.")}

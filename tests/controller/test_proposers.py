@@ -2,13 +2,14 @@
 
 import pytest
 import torch
+from helpers import unit_senses
 from scipy import stats
 
 from musebot.controller import PROPOSERS, Neurocontroller, Parameters
 
 
 def proposed(proposer, robots, state=0.0, **fields):
-    brain = Neurocontroller(Parameters(**fields), proposer, robots, 5, seed=3)
+    brain = Neurocontroller(Parameters(**fields), proposer, robots, unit_senses(5), seed=3)
     return brain.propose(torch.full((robots, 5), state))
 
 
@@ -28,7 +29,7 @@ def test_the_fixed_actions_are_all_pairs_of_some_motor_values():
 
 
 def test_random_actions_are_uniform_in_the_square_and_drawn_anew_in_every_step():
-    brain = Neurocontroller(Parameters(), "random", 40, 5, seed=3)
+    brain = Neurocontroller(Parameters(), "random", 40, unit_senses(5), seed=3)
     actions = torch.stack([brain.propose(torch.zeros(40, 5)) for _ in range(20)])
     left, right = actions.reshape(-1, 2).double().numpy().T
     for motor in (left, right):
@@ -39,7 +40,9 @@ def test_random_actions_are_uniform_in_the_square_and_drawn_anew_in_every_step()
 
 def test_creative_actions_are_the_ideas_of_the_memory_and_then_random_ones():
     parameters = Parameters(random_share=0.2)
-    one, other = (Neurocontroller(parameters, "creative", 3, 5, seed) for seed in (0, 1))
+    one, other = (
+        Neurocontroller(parameters, "creative", 3, unit_senses(5), seed) for seed in (0, 1)
+    )
     other.load_state(one.state())
     state = torch.rand(3, 5)
     other.memory.patterns.renew()

@@ -33,7 +33,7 @@ from musebot.protocols.compare import jobs, tune
 from musebot.protocols.runs import local, simulation
 from musebot.protocols.pages import tables
 with contextlib.suppress(ImportError):
-    from musebot.protocols.runs import compiled
+    from musebot.protocols.runs import compiled_life
 
 jobs.SAVE_EVERY = 0.05
 local.multiprocessing.get_context = lambda method: get_context("fork")

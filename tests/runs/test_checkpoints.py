@@ -8,6 +8,7 @@ import os
 import numpy as np
 import pytest
 
+from musebot.controller import Parameters
 from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.runs.checkpoints import (
     checkpoint_file,
@@ -62,6 +63,14 @@ def test_what_a_finished_cohort_leaves_survives_its_file(tmp_path, lives):
     bare = dataclasses.replace(lives, before={}, after={})  # of an agent without weights
     save_lives(path, bare, SHORT, agent)
     np.testing.assert_equal(vars(read_lives(path, SHORT, agent)), vars(bare))
+
+
+def test_fixed_noisy_connections_survive_the_file_of_a_finished_cohort(tmp_path):
+    experiment = dataclasses.replace(SHORT, brain=Parameters(noisy_connections="fixed"))
+    lives, path = Cohort(experiment, KEY).lives(), finished_file(tmp_path, KEY)
+    save_lives(path, lives, experiment, KEY)
+    np.testing.assert_equal(vars(read_lives(path, experiment, KEY)), vars(lives))
+    assert lives.after["noise.fixed"].shape == (2, 9)
 
 
 # Files of others, or impossible with a digest that fits; tests/hostile changes every byte

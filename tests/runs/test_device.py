@@ -199,7 +199,7 @@ def captured_cohort(*args, **changes):
     made = cohort(*args, **changes)
     brain = made.agent.controller
     for schedule in (brain.epsilon, brain.learn_rate):
-        if schedule.decays:  # as on another device
+        if schedule._initial is not None:  # as on another device
             schedule.value = torch.zeros((), dtype=torch.float64)
     return made
 

@@ -16,18 +16,8 @@ from ..settings import Number, Setting
 from .networks import Adam, LayeredNetworks
 
 LARGEST = 0.5  # motor value
-
-
-def grid_of_actions() -> Tensor:
-    """Returns the paper's 25 fixed actions, motor values of shape (25, 2)."""
-    motors = torch.linspace(-LARGEST, LARGEST, 5)
-    return torch.cartesian_prod(motors, motors)
-
-
-def falling(last: float | Tensor, age: float, steps: float | Tensor) -> float | Tensor:
-    """Returns a probability at step `age` that falls linearly from 1 to `last` in `steps`."""
-    left = 1 - age / steps
-    return last + (1 - last) * (left.clamp(min=0) if isinstance(left, Tensor) else max(left, 0.0))
+# The paper's 25 fixed actions, motor values of shape (25, 2).
+ACTIONS = torch.cartesian_prod(*[torch.linspace(-LARGEST, LARGEST, 5)] * 2)
 
 
 def epsilon(default: float) -> Setting:
@@ -176,17 +166,22 @@ class OnlineLearner(Agent):
         load_into(self._learned, {name: torch.from_numpy(a) for name, a in arrays.items()})
 
     def draw_exploratory(self) -> Tensor:
-        """Returns which robots take a random action, (B,); called once in each training step."""
+        """Returns which robots take a random action, (B,); called once in each training step.
+
+        The probability falls linearly from 1 to `epsilon` in `epsilon_steps`.
+        """
         self._age += 1
         epsilon, steps = self.setting["epsilon"], self.setting["epsilon_steps"]
-        probability = falling(epsilon, float(self._age), steps)
+        left = 1 - float(self._age) / steps
+        left = left.clamp(min=0) if isinstance(left, Tensor) else max(left, 0.0)
+        probability = epsilon + (1 - epsilon) * left
         return torch.rand(self.robots, generator=self.generator) < probability
 
-    def epsilon_greedy(self, best: Tensor, actions: int, learning: bool) -> Tensor:
-        """Returns each robot's action (B,): `best`, or, while it explores, a random index."""
+    def epsilon_greedy(self, best: Tensor, learning: bool) -> Tensor:
+        """Returns each robot's index in `ACTIONS`, (B,): `best`, or a random one to explore."""
         if not learning:
             return best
-        uniform = torch.randint(actions, best.shape, generator=self.generator)
+        uniform = torch.randint(len(ACTIONS), best.shape, generator=self.generator)
         return torch.where(self.draw_exploratory(), uniform, best)
 
     def _tensors(self) -> dict[str, Tensor]:

@@ -9,7 +9,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions, hidden
+from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, column
 
 
@@ -28,8 +28,7 @@ class DQN(OnlineLearner):
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
-        self._actions = grid_of_actions()
-        width, outputs = int(self.setting["hidden"]), len(self._actions)
+        width, outputs = int(self.setting["hidden"]), len(ACTIONS)
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
         self._adam = self.trained("values", self.networks, self.setting["rate"])
@@ -43,8 +42,8 @@ class DQN(OnlineLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         best = self.networks(inputs).argmax(dim=1)
-        self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
-        return self._actions[self.now["chosen"]]
+        self.now["chosen"].copy_(self.epsilon_greedy(best, learning))
+        return ACTIONS[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
         count = int(self._count)

@@ -24,7 +24,7 @@ class ObGD:
 
     With a trace z of gradients, z <- discount * trace * z + gradient, the weights move by
 
-        step * error * z,   step = rate / max(1, rate * kappa * max(|error|, 1) * sum |z|)
+        step * error * z,   step = 1 / max(1, kappa * max(|error|, 1) * sum |z|)
 
     where the sum is over all weights of a robot. `decay` is discount * trace, with the setting
     `trace` (lambda). `decay` and `kappa` are numbers or one for each robot, shape (B,).
@@ -32,8 +32,6 @@ class ObGD:
     Attributes:
       traces: Eligibility trace of each weight, shape (B, W).
     """
-
-    RATE = 1.0
 
     def __init__(
         self, networks: LayeredNetworks, decay: float | Tensor, kappa: float | Tensor
@@ -48,8 +46,8 @@ class ObGD:
         """
         self.traces.mul_(self._decay).add_(gradient)
         length = self.traces.abs().sum(dim=1)
-        bound = self.RATE * self._kappa * error.abs().clamp(min=1) * length
-        self._flat += (self.RATE / bound.clamp(min=1) * error)[:, None] * self.traces
+        bound = self._kappa * error.abs().clamp(min=1) * length
+        self._flat += (1 / bound.clamp(min=1) * error)[:, None] * self.traces
 
     def forget(self, robots: Tensor | None = None) -> None:
         """Sets to 0 the traces of the robots where the mask `robots` is true; None for all."""
@@ -57,8 +55,8 @@ class ObGD:
         self.traces[slice(None) if robots is None else robots.nonzero()[:, 0]] = 0
 
 
-def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: float = 0.9) -> None:
-    """Sets a share of each neuron's incoming weights to 0 (Elsayed 2024, algorithm 1).
+def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator) -> None:
+    """Sets 90 % of each neuron's incoming weights to 0 (Elsayed 2024, algorithm 1).
 
     At least one weight of each neuron stays. The published rule rounds the number of zeros up: a
     neuron with fewer than ten inputs would have no weight. Our robots have one to seven signals.
@@ -66,7 +64,7 @@ def make_sparse(tensors: Sequence[Tensor], generator: torch.Generator, share: fl
     """
     for weights in tensors[::2]:
         fan_in = weights.shape[-1]
-        zeros = min(math.ceil(share * fan_in), fan_in - 1)
+        zeros = min(math.ceil(0.9 * fan_in), fan_in - 1)
         rank = torch.rand(weights.shape, generator=generator).argsort(dim=-1)
         weights[rank < zeros] = 0
 

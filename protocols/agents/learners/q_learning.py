@@ -10,7 +10,7 @@ from ....controller.networks import Networks
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions
+from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 
 
 class QLearner(OnlineLearner):
@@ -28,8 +28,7 @@ class QLearner(OnlineLearner):
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
-        self._actions = grid_of_actions()
-        count = len(self._actions)
+        count = len(ACTIONS)
         self._networks = Networks(robots, self.inputs, self.HIDDEN, count, 0.1, self.generator)
         for name, tensor in self._networks.tensors().items():
             self.keep(name, tensor, learned=True)
@@ -42,9 +41,9 @@ class QLearner(OnlineLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         values = self._networks.forward(inputs)[1]
-        chosen = self.epsilon_greedy(values.argmax(dim=1), len(self._actions), learning)
+        chosen = self.epsilon_greedy(values.argmax(dim=1), learning)
         self.now["chosen"].copy_(chosen)
-        return self._actions[self.now["chosen"]]
+        return ACTIONS[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
         inputs, chosen = self.before["inputs"], self.before["chosen"]

@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import OnlineLearner, epsilon, epsilon_steps, grid_of_actions
+from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 from .networks import column
 
 _PRIMES = 73_856_093, 19_349_663, 83_492_791, 49_979_687, 67_867_967, 86_028_121, 32_452_843
@@ -35,8 +35,7 @@ class SarsaLambda(OnlineLearner):
         self._rate = setting["rate"] / self.TILINGS
         # Tiles that cover a signal, for each robot, tiling and signal.
         self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
-        self._actions = grid_of_actions()
-        count, cells = len(self._actions), self.TILINGS * self.cells
+        count, cells = len(ACTIONS), self.TILINGS * self.cells
         self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
         self.values += column(setting["initial"]) / self.TILINGS
         order = torch.rand(robots, count, generator=self.generator)
@@ -77,7 +76,7 @@ class SarsaLambda(OnlineLearner):
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         cells = self.tiles(inputs) + torch.arange(self.TILINGS) * self.cells
         size = self.TILINGS * self.cells
-        starts = torch.arange(len(self._actions)) * size
+        starts = torch.arange(len(ACTIONS)) * size
         every = (starts[:, None] + cells[:, None]).flatten(1)
         values = self.values.gather(1, every).view(self.robots, len(starts), -1).sum(dim=2)
         equal = values == values.amax(dim=1, keepdim=True)
@@ -85,9 +84,9 @@ class SarsaLambda(OnlineLearner):
         if learning:
             order = torch.rand(order.shape, generator=self.generator)
         best = torch.where(equal, order, -1.0).argmax(dim=1)
-        chosen = self.epsilon_greedy(best, len(self._actions), learning)
+        chosen = self.epsilon_greedy(best, learning)
         self.now["weights_of"].copy_(chosen[:, None] * size + cells)
-        return self._actions[chosen]
+        return ACTIONS[chosen]
 
     def update(self, reward: Tensor) -> None:
         value, following = (

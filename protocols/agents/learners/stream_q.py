@@ -8,7 +8,7 @@ from torch import Tensor
 from ....controller.senses import Senses
 from ..base import Agent
 from ..settings import Number, Setting, tunable
-from .base import epsilon, epsilon_steps, grid_of_actions, hidden
+from .base import ACTIONS, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, normalised
 from .obgd import ObGD, StreamLearner, make_sparse
 
@@ -22,8 +22,7 @@ class StreamQ(StreamLearner):
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
-        self._actions = grid_of_actions()
-        width, outputs = int(self.setting["hidden"]), len(self._actions)
+        width, outputs = int(self.setting["hidden"]), len(ACTIONS)
         sizes = (self.features, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, normalised)
         make_sparse(self.networks.tensors, self.generator)
@@ -40,9 +39,9 @@ class StreamQ(StreamLearner):
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
         best = self.networks(self.normal_inputs(inputs, learning)).argmax(dim=1)
-        self.now["chosen"].copy_(self.epsilon_greedy(best, len(self._actions), learning))
+        self.now["chosen"].copy_(self.epsilon_greedy(best, learning))
         self.now["exploratory"].copy_(self.now["chosen"] != best)
-        return self._actions[self.now["chosen"]]
+        return ACTIONS[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
         features, chosen = self.before["features"], self.before["chosen"][:, None]

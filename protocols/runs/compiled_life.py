@@ -16,7 +16,7 @@ from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
-_BLOCK = 20_000  # robot-steps whose random numbers are drawn at once: they fit a cache
+_BLOCK = 500_000  # actions whose random numbers are drawn at once: they fit a cache
 
 
 class CompiledLife:
@@ -33,8 +33,9 @@ class CompiledLife:
         """Simulates control steps; adds each robot's number of events to `counts`, shape (B,)."""
         brain = self._brain
         parts = brain.nets, brain.neurons, brain.now
+        block = 1 + _BLOCK // (len(counts) * brain.actions)
         while steps:
-            begun = brain.begin_steps(min(steps, 1 + _BLOCK // len(counts)), learning)
+            begun = brain.begin_steps(min(steps, block), learning)
             draws = brain.draw(begun, learning)
             equations.simulate(self._world, self._robots, parts, draws, learning, counts)
             steps -= begun

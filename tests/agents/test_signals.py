@@ -8,7 +8,7 @@ import musebot
 from musebot.controller.presets import BRAINS
 from musebot.controller.senses import Encoding, Senses, Signal
 from musebot.protocols.agents.hand_coded import HandCoded
-from musebot.protocols.agents.senses import RawSignals, raw_senses, senses_of
+from musebot.protocols.agents.signals import RawSignals, raw_senses, senses_of
 from musebot.tasks.suite import TASKS
 
 
