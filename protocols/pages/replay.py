@@ -248,10 +248,11 @@ class Relived:
             raise InputError(
                 "a life that was simulated on a GPU or in MuJoCo Warp cannot be simulated again"
             )
-        last = sum(experiment.life_of(condition.task).steps()) / control_steps(1)
+        total = sum(experiment.life_of(condition.task).steps())
+        last = total / control_steps(1)
         if not 0 <= minute < last:
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
-        steps = round(minute * control_steps(1))
+        steps = min(round(minute * control_steps(1)), total - 1)
         cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
         for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
             cohort.advance(min(control_steps(1), steps - cohort.step))

@@ -107,6 +107,14 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
             Relived.at(run, condition, 1, minute)
 
 
+def test_a_life_can_be_filmed_from_every_minute_before_its_end(run):
+    condition = Condition("wall_avoidance", "creative")
+    last = len([*Relived.at(run, condition, 1, 0).moments()]) - 1  # control steps
+    for step in (0.4, last - 1, last - 0.6, last - 0.4, np.nextafter(last, 0)):
+        moments = [*Relived.at(run, condition, 1, step / 600).moments()]
+        assert len(moments) == last - min(round(step), last - 1) + 1
+
+
 def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):
     hint = "it has wall_avoidance/fixed, .*: --proposer or --agent chooses"
     for changes, sentence in (
