@@ -7,7 +7,7 @@ import dataclasses
 import math
 import signal
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +43,14 @@ _ENCODERS = {
 
 
 def film(
-    episodes: Sequence[Episode | Relived], output: Path, *, seconds: float, speed: float
+    episodes: Iterable[Episode | Relived], output: Path, *, seconds: float, speed: float
 ) -> None:
     """Films episodes from their starts, at most until one ends or becomes unstable.
 
     The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
-    It shows several episodes of one task side by side. `speed` is the simulated seconds per second
-    of the film. An existing file is replaced when the film is complete.
+    It shows several episodes of one task side by side, made only after all other values have been
+    checked. `speed` is the simulated seconds per second of the film. An existing file is replaced
+    when the film is complete.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
@@ -64,7 +65,7 @@ def film(
     if output.suffix.lower() not in _FPS:
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
     check_place(output)
-    fps = _FPS[output.suffix.lower()]
+    fps, episodes = _FPS[output.suffix.lower()], [*episodes]
     longest = min(episode.seconds for episode in episodes)
     count = max(1, round(min(seconds, longest / speed) * fps))
     times, first = np.arange(count) * speed / fps, episodes[0]

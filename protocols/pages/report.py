@@ -119,7 +119,7 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
             )
             if path not in _kept(folder):
                 robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
-                episodes = [robot.episode() for robot in robots]
+                episodes = (robot.episode() for robot in robots)
                 films.film(episodes, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed and not any(folder.iterdir()):
