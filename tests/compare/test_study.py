@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from musebot.fields import whole
 from musebot.protocols.compare import jobs, study
-from musebot.protocols.compare.jobs import ArrayJob, lives
+from musebot.protocols.compare.jobs import ArrayJob, simulate_cohort
 from musebot.protocols.compare.study import (
     STUDY_FILE,
     Page,
@@ -200,7 +200,7 @@ STEPS = sum(EXPERIMENT.life_of("wall_avoidance").steps())
 def cohort_job(path):
     path.mkdir()
     shapes = {"events": ("I32", (2, 3)), "valid": ("BOOL", (2,))}
-    work = functools.partial(lives, EXPERIMENT, WALLS[0])
+    work = functools.partial(simulate_cohort, EXPERIMENT, WALLS[0])
     return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), shapes, {})
 
 
