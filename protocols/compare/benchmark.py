@@ -155,8 +155,8 @@ class Benchmark(Study):
         }
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        run_jobs([bounds_job(out, self.experiment(), life) for life in self.life])
-        simulate_runs(out, self.plans(), run_jobs)
+        bounds = [bounds_job(out, self.experiment(), life) for life in self.life]
+        simulate_runs(out, self.plans(), run_jobs, bounds)
 
     def page(self, out: Path) -> Page:
         columns = []
