@@ -365,12 +365,19 @@ def stored_brains(
 def evaluate(
     run: Run, condition: Condition, which: Sequence[tuple[int, When]], minutes: float
 ) -> Track:
-    """Evaluates brains, see `stored_brains`, in the first minutes of the test after training."""
+    """Evaluates brains, see `stored_brains`, for `minutes_of_test` of the test after training."""
     agent = stored_brains(run, condition, which)
     batch = run.experiment.batch(condition.task, len(which))
     start = _first_phase(run.experiment, condition.task, "post")
     place(batch, start, np.random.default_rng(SEED))
-    return watch(batch, agent, control_steps(minutes), what=str(condition))
+    steps = control_steps(minutes_of_test(run, condition.task, minutes))
+    return watch(batch, agent, steps, what=str(condition))
+
+
+def minutes_of_test(run: Run, task: str, most: float) -> float:
+    """Returns `most` minutes, times the time scale; at most those until robots are placed again."""
+    start = _first_phase(run.experiment, task, "post")
+    return min(most * run.experiment.time_scale, start.minutes, start.every_minutes or math.inf)
 
 
 def _first_phase(experiment: Experiment, task: str, stage: str) -> Phase:
