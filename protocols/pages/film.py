@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import math
@@ -95,16 +96,15 @@ def shots_at(
     frames end at its last moment. `times` are in [s], ascending; `speed` is the simulated seconds
     per second of the film.
     """
-    past = [next(moments)]
+    most = math.ceil(_TRAIL_LIMIT / CONTROL_TIMESTEP) + 2  # of the trail, and those around a frame
+    past = collections.deque([next(moments)], most)
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
         if past[-1].time < time - _ROUNDING:  # the simulation became unstable
             return
-        now = max(0, len(past) - 2)
-        if past[-1].time <= time:  # the episode is over
-            now = len(past) - 1
-        moment, after = past[now], past[min(now + 1, len(past) - 1)]
+        after = past[-1]
+        moment = after if after.time <= time else past[-2]  # the former: the episode is over
         way = after.pose - moment.pose
         if np.hypot(*way[:2]) > JUMP:
             way[:] = 0
@@ -112,15 +112,16 @@ def shots_at(
         span = (after.time - moment.time) or 1.0
         pose = moment.pose + (time - moment.time) / span * way
         shot = dataclasses.replace(moment, time=time, pose=pose)
-        yield shot, _trail(past[: now + 1], pose, after.event, time, speed)
+        yield shot, _trail(past, shot, after.event, speed)
 
 
-def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed: float) -> Trail:
-    """Returns the trail at a time, from the moments so far to a pose with or without an event."""
-    reach = min(_TRAIL * speed, _TRAIL_LIMIT)
-    points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) :]
+def _trail(past: Iterable[Moment], shot: Moment, event: bool, speed: float) -> Trail:
+    """Returns the trail that leads through past moments to a shot with or without an event."""
+    time, reach = shot.time, min(_TRAIL * speed, _TRAIL_LIMIT)
+    first = math.ceil((time - reach) / CONTROL_TIMESTEP) * CONTROL_TIMESTEP
+    points = [m for m in past if first - _ROUNDING < m.time <= time]
     return Trail(
-        np.array([*(m.pose[:2] for m in points), pose[:2]]),
+        np.array([*(m.pose[:2] for m in points), shot.pose[:2]]),
         np.array([*(m.event for m in points), event]),
         np.clip([*((time - m.time) / reach for m in points), 0.0], 0, 1),
     )

@@ -70,8 +70,8 @@ class Moment:
         sensed = batch.sensordata[row].copy()
         return cls(
             step * CONTROL_TIMESTEP,
-            batch.pose[row],
-            batch.spot[row],
+            batch.pose[row].copy(),
+            batch.spot[row].copy(),
             batch.rules.observations(sensed),
             np.zeros(2),
             bool((sensed[batch.rules.layout.touch] > 0).any()),
@@ -298,7 +298,7 @@ class Relived:
             moment = Moment.of(batch, row, self.cohort.step - first, event, events)
             recorder.motors.clear()
             self.cohort.advance(1)
-            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row]))
+            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row].copy()))
             event = bool(batch.rules.event(batch.sensordata)[row])
             events += event
         if self.cohort.valid[row]:

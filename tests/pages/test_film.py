@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import weakref
 from typing import Any
 from unittest.mock import Mock
 
@@ -202,6 +203,22 @@ def test_a_robot_that_is_placed_elsewhere_does_not_drive_there():
     ]
     shots = [shot.pose for shot, _ in film.shots_at([0.05, 0.15, 0.2], iter(moments), 1)]
     np.testing.assert_allclose(shots, [[0.005, 0, 1], places[1], places[2]])
+
+
+def test_a_film_keeps_no_more_moments_than_a_trail_draws():
+    made, place = [], np.zeros(3)
+
+    def moments():
+        for k in range(3000):
+            one = Moment(0.1 * k, place, place[:2], {}, place[:2], False, False, 0.0)
+            made.append(weakref.ref(one))
+            yield one
+
+    for speed in (1000, 0.01):
+        for _, trail in film.shots_at(np.arange(0, 299, 7.0), moments(), speed):
+            assert sum(one() is not None for one in made) <= 905
+            assert len(trail.points) <= 902
+        made.clear()
 
 
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(

@@ -96,6 +96,8 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
     moments = [*relived.moments()]
     assert len(moments) == relived.cohort.steps - start + 1
     assert moments[-1].time == pytest.approx((relived.cohort.steps - start) / 10)
+    for one in moments:  # none keeps the arrays of the whole cohort
+        assert one.pose.base is one.spot.base is one.motors.base is None
     corner = relived.batch.dimensions.half_length - moments[0].pose[0]
     assert start or corner > 0.5  # the first moment is after the placement
     lived = run.results[condition].networks["after"]
