@@ -22,7 +22,7 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film
 from musebot.protocols.pages.panel import HEIGHT, WIDTH
-from musebot.protocols.pages.replay import AFTER, Episode, Moment
+from musebot.protocols.pages.replay import Episode, Moment
 from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.manifest import MANIFEST, read_manifest, write_manifest
 from musebot.protocols.runs.run_files import read_measured, write_results
@@ -162,8 +162,9 @@ def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys
         if "unstable" in sentence:
             unstable(Episode.moments)
         batch, random = make_batch("wall_avoidance", 1), np.random.default_rng(0)
-        driver = "wall_avoidance", "nobody", AFTER, batch, lambda _: np.zeros((1, 2)), 20, random
-        film.film([Episode(*driver)], tmp_path / "film.mp4", seconds=seconds, speed=speed)
+        words = "wall_avoidance", "nobody", "after training", "in contact"
+        episode = Episode(*words, batch, lambda _: np.zeros((1, 2)), 20, random)
+        film.film([episode], tmp_path / "film.mp4", seconds=seconds, speed=speed)
         said = capsys.readouterr().err
         assert sentence in said and said.count("musebot:") == 1 + bool(sentence)
         assert counts.pop() == frames
