@@ -36,8 +36,9 @@ COMMANDS = {
 
 def digest() -> str:
     """Returns the digest of the files that decide what the pictures show."""
-    sources = [*(ROOT / "models").glob("*.xml"), Path(__file__)]
-    sources += [ROOT / "protocols" / "pages" / f"{name}.py" for name in ("panel", "scene")]
+    sources = [*(ROOT / "models").glob("*.xml"), ROOT / "models" / "arena_variants.py"]
+    sources += [ROOT / "protocols" / "pages" / f"{name}.py" for name in ("film", "panel", "scene")]
+    sources += [Path(__file__)]
     content = b"".join(path.read_bytes() for path in sorted(sources))
     return hashlib.sha256(content).hexdigest()
 

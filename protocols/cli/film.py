@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..terminal import say
+from ..terminal import notice, say
 from .options import argument, option
 
 if TYPE_CHECKING:
@@ -55,30 +56,34 @@ class Film:
         """Renders and writes the film, without a display, through EGL."""
         from ..pages import film
 
-        phases = ("pre", "post") if self.phase == "both" else (self.phase,)
-        if self.minute is not None:
-            phases = phases[:1]
-        episodes = [self._episode(phase) for phase in phases]
-        film.film(episodes, self.output, seconds=self.seconds, speed=self.speed)
+        film.film(self._episodes(), self.output, seconds=self.seconds, speed=self.speed)
         say(str(self.output))
 
-    def _episode(self, phase: str) -> Episode | Relived:
+    def _episodes(self) -> Iterator[Episode | Relived]:
         from ..agents.ppo import Policies, policy_file
         from ..pages.replay import Episode, Relived, StoredRobot, robots_named
+        from ..runs.manifest import same_physics
         from ..runs.run_files import read_run
 
+        phases = ("pre", "post") if self.phase == "both" else (self.phase,)
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":
             raise InputError(f"{source} is neither a run's folder nor a .safetensors file")
         if source.suffix != ".safetensors" or source.is_dir():
-            run = read_run(source, replay=True)
+            run = read_run(source, replay=self.minute is None)
             condition = robots_named(self.task, self.proposer, self.agent)
-            if self.minute is not None:
-                return Relived.at(run, condition, self.robot, self.minute)
-            return StoredRobot(run, condition, self.robot, phase, self.seed).episode()
+            if self.minute is None:
+                for phase in phases:
+                    yield StoredRobot(run, condition, self.robot, phase, self.seed).episode()
+                return
+            if not run.experiment.on_tensors and not same_physics(source):
+                notice(f"{source} was simulated in another physics, in which lives differ")
+            yield Relived.at(run, condition, self.robot, self.minute)
+            return
         if self.proposer or self.agent:
             raise InputError(f"{source} holds policies, which have no proposer and no agent")
         if self.minute is not None:
             raise InputError(f"{source} holds policies, which have no life: --minute is of a run")
         policies = Policies.load(source, self.task)
-        return Episode.of_policy(policies, self.robot, phase, self.seed)
+        for phase in phases:
+            yield Episode.of_policy(policies, self.robot, phase, self.seed)

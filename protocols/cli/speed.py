@@ -246,8 +246,9 @@ def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
         row: dict[str, Any] = {"simulator": simulator, "robots": robots}
         try:
             experiment = Experiment(cohort_size=robots, device=device, **fields)
-            cohort = cohort_in_training(experiment, _POPULATION)
-            row |= life(cohort, effort.population_steps, effort.repetitions)
+            length = effort.population_steps, effort.repetitions
+            # Without a name: it must be gone when the next one is made.
+            row |= life(cohort_in_training(experiment, _POPULATION), *length)
         except RuntimeError as error:
             if not _OUT_OF_MEMORY.search(str(error)):
                 raise

@@ -76,11 +76,11 @@ class Benchmark(Study):
         return self._experiment({})
 
     def plans(self) -> Mapping[str, Plan]:
-        return {folder: plan for folder, (_, plan) in self._runs.items()}
+        return {folder: plan for folder, (*_, plan) in self._runs.items()}
 
     @functools.cached_property
-    def _runs(self) -> Mapping[str, tuple[str, Plan]]:
-        """The life and the plan of each run, by the name of its folder."""
+    def _runs(self) -> Mapping[str, tuple[str, str, Plan]]:
+        """The life, the learner's short name and the plan of each run, by the run's folder."""
         found = {}
         for life in self.life:
             for name in self._learners:
@@ -88,7 +88,8 @@ class Benchmark(Study):
                 lives = [life, *newborn_lives(LIVES[life])]
                 conditions = [Condition(one, driver) for one in lives for driver in proposers]
                 plan = Plan.of(self._experiment(fields), conditions, self.robots)
-                found[f"{life}-{short_name(name).replace(':', '-')}"] = life, plan
+                short = short_name(name)
+                found[f"{life}-{short.replace(':', '-')}"] = life, short, plan
         if not found:
             raise InputError("at least one learner and a life are needed")
         return found
@@ -111,8 +112,9 @@ class Benchmark(Study):
         if name == "paper":
             return PROPOSERS, {"brain": BRAINS[name], "backend": self.backend}
         if name in BRAINS:
-            raw = self.signals == "raw"
-            brain = dataclasses.replace(BRAINS[name], raw_signals=raw, raw_reward=raw)
+            brain = BRAINS[name]
+            if self.signals == "paper":
+                brain = dataclasses.replace(brain, raw_signals=False, raw_reward=False)
             return ("creative",), {"brain": brain}
         tuned = self._settings.get((name, self.signals), ())
         words = [*tuned, *self._chosen.get(short_name(name), ())]
@@ -155,18 +157,18 @@ class Benchmark(Study):
         }
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        run_jobs([bounds_job(out, self.experiment(), life) for life in self.life])
-        simulate_runs(out, self.plans(), run_jobs)
+        bounds = [bounds_job(out, self.experiment(), life) for life in self.life]
+        simulate_runs(out, self.plans(), run_jobs, bounds)
 
     def page(self, out: Path) -> Page:
         columns = []
         for name in self.life:
             life = self.experiment().life_of(name)
             matrix = matrix_of(bounds_job(out, self.experiment(), name), life)
-            runs = [
-                read_run(out / folder) for folder, (own, _) in self._runs.items() if own == name
-            ]
-            rows = [row for run in runs for row in _rows(run, life, matrix.bounds(life))]
+            rows = []
+            for folder, (own, learner, _) in self._runs.items():
+                if own == name:
+                    rows += _rows(learner, read_run(out / folder), life, matrix.bounds(life))
             columns.append(Column(life, matrix, rows))
         return page(columns, self.time_scale)
 
@@ -179,8 +181,8 @@ def newborn_lives(life: Life) -> list[str]:
     return [f"{life.name}@{worlds.index(world) + 1}" for world in life.worlds[1:]]
 
 
-def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
-    """Returns the learners of a run: one for each proposer or agent."""
+def _rows(learner: str, run: Run, life: Life, bounds: Bounds) -> list[Row]:
+    """Returns a learner's rows: an agent's only one, or one for each proposer of a brain."""
     rows = []
     for proposer in run.proposers(life.name):
         curves = shares_of(run, Condition(life.name, proposer))
@@ -195,12 +197,6 @@ def _rows(run: Run, life: Life, bounds: Bounds) -> list[Row]:
             for number, name in enumerate(newborn_lives(life), 1)
         ]
         newborns = [one.recovery[:, 0] for one in controls]
-        rows.append(Row(_name(run.experiment, proposer), curves, old, newborns))
+        name = f"{learner}, {proposer}" if proposer in PROPOSERS else learner
+        rows.append(Row(name, curves, old, newborns))
     return rows
-
-
-def _name(experiment: Experiment, proposer: str) -> str:
-    """Returns the name of a learner: that of its agent, or of its brain and proposer."""
-    if proposer not in PROPOSERS:
-        return short_name(proposer)
-    return f"{experiment.brain_name}, {proposer}"

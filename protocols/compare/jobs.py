@@ -103,7 +103,7 @@ class ArrayJob:
         return arrays
 
 
-def lives(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
+def simulate_cohort(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
     """Simulates a cohort of an agent that the command has named, from its checkpoint if any.
 
     Returns:

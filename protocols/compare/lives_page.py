@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
@@ -77,8 +78,9 @@ class Column:
         """Returns the learners, that with the largest mean online score first."""
         return sorted(self.rows, key=lambda row: (-row.old.online.mean(), row.name))
 
+    @functools.cached_property
     def tests(self) -> Mapping[str, float]:
-        """Returns p, corrected by Holm, of each learner's difference from the best one, by name."""
+        """p, corrected by Holm, of each learner's difference from the best one, by name."""
         best, *others = self.ranked()
         values = [same_mean(best.old.online, row.old.online, paired=False) for row in others]
         return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
@@ -106,10 +108,9 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
     cells: dict[str, list[str]] = {}
     scores: dict[str, list[float]] = {}
     for place, column in enumerate(columns):
-        tests = column.tests()
         for row in column.rows:
             text = mean_cell(row.old.online)
-            if tests.get(row.name, 1.0) >= ALPHA:
+            if column.tests.get(row.name, 1.0) >= ALPHA:
                 text = f"**{text}**"
             cells.setdefault(row.name, ["-"] * len(columns))[place] = text
             scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.old.online.mean()
@@ -122,7 +123,6 @@ def _measures(column: Column) -> list[list[str]]:
     """Returns the table of a life, with a row for each learner."""
     head = "learner,robots,score,failed,worst tenth,recovery,last,slope,savings,forgotten,p"
     rows: list[list[str]] = [[*head.split(",")]]
-    tests = column.tests()
     for row in column.ranked():
         old, count = row.old, len(row.old.online)
         failed = with_interval(
@@ -130,12 +130,12 @@ def _measures(column: Column) -> list[list[str]]:
         )
         relative, slope = ["-", "-"], "-"
         if row.controlled:
-            ends = (old.last_recovery(row.newborns, n) for n in (len(row.newborns), 1))
-            relative = [with_interval(f"{mean:.2f}", interval, ".2f") for mean, interval in ends]
+            found = (old.last_recovery(row.newborns, n) for n in (len(row.newborns), 1))
+            relative = [with_interval(f"{mean:.2f}", interval, ".2f") for mean, interval in found]
             slope = f"{old.slope(row.newborns):+.3f}"
-        p = tests.get(row.name, math.nan)
-        ends = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
-        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", *relative, slope, *ends]
+        p = column.tests.get(row.name, math.nan)
+        last = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
+        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", *relative, slope, *last]
         rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])
     return rows
 

@@ -16,7 +16,7 @@ import torch
 from ...fields import whole
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.ppo import POLICIES_FILE, policy_shapes, read_policies
+from ..agents.ppo import POLICIES_FILE, policy_shapes
 from ..agents.signals import senses_of
 from ..errors import InputError, check_name
 from ..storage import save_arrays
@@ -69,7 +69,7 @@ class PPOTraining(Study):
         save_arrays(out / POLICIES_FILE, arrays, **self.identity())
 
     def page(self, out: Path) -> Page:
-        read_policies(out / POLICIES_FILE)
+        del out
         last = self.seed + self.policies - 1
         return Page(
             f"`{POLICIES_FILE}` holds {self.policies} policies for the task `{self.task}`, trained "

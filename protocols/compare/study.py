@@ -195,8 +195,10 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
         UnfinishedRun.read(out / name, plan).check()
 
 
-def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> None:
-    """Simulates what is left of several runs, together, so that all cores are busy.
+def simulate_runs(
+    out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs, others: Sequence[Job] = ()
+) -> None:
+    """Simulates what is left of several runs, together with other jobs, so that no core waits.
 
     `plans` holds each run's plan by the name of its folder in OUT.
 
@@ -209,5 +211,6 @@ def simulate_runs(out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs) -> No
         runs = {out / name: UnfinishedRun.read(out / name, plan) for name, plan in plans.items()}
         for sentence in [sentence for run in runs.values() for sentence in run.begin()]:
             notice(sentence)
-        jobs = [job for run in runs.values() for job in run.jobs(SAVE_EVERY)]
-        run_jobs(jobs, lambda job: runs[job.directory].finished(job))
+        jobs = [*others, *(job for run in runs.values() for job in run.jobs(SAVE_EVERY))]
+        jobs.sort(key=lambda job: -job.cost)
+        run_jobs(jobs, lambda job: job in others or runs[job.directory].finished(job))

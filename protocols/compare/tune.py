@@ -24,12 +24,12 @@ from ..agents.settings import Setting, settings_of
 from ..analysis import intervals
 from ..errors import InputError, check_name
 from ..pages.markdown import mean_cell, table
-from ..runs.conditions import Condition, check_proposer
+from ..runs.conditions import Condition
 from ..runs.experiment import Experiment, Signals
 from ..runs.manifest import UNREADABLE
 from ..runs.plan import MOST_ROBOTS, Plan, check_memory
 from ..storage import read_json
-from .jobs import ArrayJob, lives
+from .jobs import ArrayJob, simulate_cohort
 from .study import STUDY_FILE, Page, RunJobs, Study
 
 # Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
@@ -103,10 +103,9 @@ class Tune(Study):
         if self.kept > self.trials:
             raise InputError(f"kept must be at most trials, {self.trials}, got {self.kept}")
         check_name("life", self.life, LIVES)
-        check_proposer(self.condition.proposer)
         if self.condition.has_brain:
             raise InputError(f"{self.agent} is a proposer of the brain, which has no settings")
-        self._round(True, [Trial(0, ())])
+        self.experiment()
 
     def identity(self) -> Mapping[str, Any]:
         """Returns all options, and the settings of each trial."""
@@ -114,13 +113,13 @@ class Tune(Study):
         trust(self.condition.proposer)  # the command names it
         for again, trials in ((False, self.drawn()), (True, self.drawn()[: self.kept])):
             for some in self._cohorts(trials):
-                experiment = self._round(again, some)
+                experiment = self._experiment(again, some)
                 check_memory(Plan.of(experiment, [self.condition], experiment.cohort_size))
         drawn = [list(trial.settings) for trial in self.drawn()]
         return dataclasses.asdict(self) | {"agent": self.condition.proposer, "drawn": drawn}
 
     def experiment(self) -> Experiment:
-        return self._round(True, [Trial(0, ())])
+        return self._experiment(True, [Trial(0, ())])
 
     @functools.cached_property
     def settings(self) -> Mapping[str, Setting]:
@@ -213,7 +212,7 @@ class Tune(Study):
         size = _TOGETHER if all(setting.each for setting in self.settings.values()) else 1
         return [trials[start : start + size] for start in range(0, len(trials), size)]
 
-    def _round(self, again: bool, trials: Sequence[Trial]) -> Experiment:
+    def _experiment(self, again: bool, trials: Sequence[Trial]) -> Experiment:
         """Returns the experiment of a cohort, in which each trial has an equal share of robots."""
         words = trials[0].settings
         if len(trials) > 1:
@@ -231,13 +230,13 @@ class Tune(Study):
 
     def _job(self, out: Path, again: bool, trials: Sequence[Trial]) -> ArrayJob:
         numbers = "-".join(f"{trial.number:04}" for trial in trials)
-        experiment = self._round(again, trials)
+        experiment = self._experiment(again, trials)
         robots = experiment.cohort_size
         identity = {word: getattr(self, word) for word in ("signals", "life", "time_scale")}
         identity |= {"agent": self.condition.proposer, "seed": experiment.seed}
         return ArrayJob(
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
-            functools.partial(lives, experiment, self.condition),
+            functools.partial(simulate_cohort, experiment, self.condition),
             experiment.robot_seconds(sum(experiment.life_of(self.life).steps())),
             {"events": ("I32", (robots, len(STAGES))), "valid": ("BOOL", (robots,))},
             identity | {"settings": experiment.settings},
@@ -253,7 +252,7 @@ class Tune(Study):
         for some in self._cohorts(trials):
             job = self._job(out, again, some)
             if job.done():
-                shares = shares_of(job.read(), self._round(again, some).life_of(self.life))
+                shares = shares_of(job.read(), self._experiment(again, some).life_of(self.life))
                 found |= dict(zip(some, np.split(shares, len(some), axis=1), strict=True))
         return found
 
@@ -262,7 +261,7 @@ def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
     """Returns each robot's shares of time at the goal, shape (parts, B).
 
     The parts are the test after training, where a life has one, and training. An invalid robot has
-    0 in all parts. `arrays` is what `jobs.lives` returned.
+    0 in all parts. `arrays` is what `jobs.simulate_cohort` returned.
     """
     shares = []
     for part in _PARTS:

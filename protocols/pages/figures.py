@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...tasks.lives import LIVES, STAGES, Life, Stage, control_steps
+from ...tasks.lives import STAGES, Life, Stage, control_steps
 from ..agents.names import short_name
 from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
@@ -53,11 +53,10 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
 
     No point averages minutes of both a test and training.
     """
-    minutes = curves.shape[1]
-    steps = life.steps_of_minutes()[:minutes]
+    steps, minutes = life.steps_of_minutes(), curves.shape[1]
     # A minute that two parts share is a stretch of its own.
     parts = [life.minutes_of(part) for part in STAGES]
-    borders = sorted({min(end, minutes) for part in parts for end in (part.start, part.stop)})
+    borders = sorted({end for part in parts for end in (part.start, part.stop)})
     edges = [0]
     for first, last in zip(borders[:-1], borders[1:], strict=True):
         count = min(last - first, max(1, round((last - first) * _STEPS / minutes)))
@@ -193,7 +192,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 # ---- What the robots do ----
 
 
-def spinning(behaviour: Behaviour) -> Figure:
+def spinning(run: Run, behaviour: Behaviour) -> Figure:
     """Draws the share of time that each robot spins before and after training, and the means."""
     tasks = [*dict.fromkeys(condition.task for condition in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
@@ -212,7 +211,7 @@ def spinning(behaviour: Behaviour) -> Figure:
         axis.set_xticks(range(len(names)), names)
         axis.tick_params(axis="x", length=0)
         axis.set_xlim(-0.5, len(names) - 0.5)
-        axis.set_title(LIVES[task].title if task in LIVES else task, pad=10)
+        axis.set_title(run.experiment.life_of(task).title, pad=10)
         in_per_cent(axis, 1)
     axes[0, 0].set_ylabel("share of the time spinning")
     marks = {"marker": "o", "ls": "", "ms": 3.5}

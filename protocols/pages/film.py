@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import dataclasses
 import math
 import signal
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,13 +44,14 @@ _ENCODERS = {
 
 
 def film(
-    episodes: Sequence[Episode | Relived], output: Path, *, seconds: float, speed: float
+    episodes: Iterable[Episode | Relived], output: Path, *, seconds: float, speed: float
 ) -> None:
     """Films episodes from their starts, at most until one ends or becomes unstable.
 
     The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
-    It shows several episodes of one task side by side. `speed` is the simulated seconds per second
-    of the film. An existing file is replaced when the film is complete.
+    It shows several episodes of one task side by side, made only after all other values have been
+    checked. `speed` is the simulated seconds per second of the film. An existing file is replaced
+    when the film is complete.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
@@ -64,7 +66,7 @@ def film(
     if output.suffix.lower() not in _FPS:
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
     check_place(output)
-    fps = _FPS[output.suffix.lower()]
+    fps, episodes = _FPS[output.suffix.lower()], [*episodes]
     longest = min(episode.seconds for episode in episodes)
     count = max(1, round(min(seconds, longest / speed) * fps))
     times, first = np.arange(count) * speed / fps, episodes[0]
@@ -94,16 +96,15 @@ def shots_at(
     frames end at its last moment. `times` are in [s], ascending; `speed` is the simulated seconds
     per second of the film.
     """
-    past = [next(moments)]
+    most = math.ceil(_TRAIL_LIMIT / CONTROL_TIMESTEP) + 2  # of the trail, and those around a frame
+    past = collections.deque([next(moments)], most)
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
             past.append(moment)
         if past[-1].time < time - _ROUNDING:  # the simulation became unstable
             return
-        now = max(0, len(past) - 2)
-        if past[-1].time <= time:  # the episode is over
-            now = len(past) - 1
-        moment, after = past[now], past[min(now + 1, len(past) - 1)]
+        after = past[-1]
+        moment = after if after.time <= time else past[-2]  # the former: the episode is over
         way = after.pose - moment.pose
         if np.hypot(*way[:2]) > JUMP:
             way[:] = 0
@@ -111,15 +112,16 @@ def shots_at(
         span = (after.time - moment.time) or 1.0
         pose = moment.pose + (time - moment.time) / span * way
         shot = dataclasses.replace(moment, time=time, pose=pose)
-        yield shot, _trail(past[: now + 1], pose, after.event, time, speed)
+        yield shot, _trail(past, shot, after.event, speed)
 
 
-def _trail(past: list[Moment], pose: np.ndarray, event: bool, time: float, speed: float) -> Trail:
-    """Returns the trail at a time, from the moments so far to a pose with or without an event."""
-    reach = min(_TRAIL * speed, _TRAIL_LIMIT)
-    points = past[max(0, math.ceil((time - reach) / CONTROL_TIMESTEP)) :]
+def _trail(past: Iterable[Moment], shot: Moment, event: bool, speed: float) -> Trail:
+    """Returns the trail that leads through past moments to a shot with or without an event."""
+    time, reach = shot.time, min(_TRAIL * speed, _TRAIL_LIMIT)
+    first = math.ceil((time - reach) / CONTROL_TIMESTEP) * CONTROL_TIMESTEP
+    points = [m for m in past if first - _ROUNDING < m.time <= time]
     return Trail(
-        np.array([*(m.pose[:2] for m in points), pose[:2]]),
+        np.array([*(m.pose[:2] for m in points), shot.pose[:2]]),
         np.array([*(m.event for m in points), event]),
         np.clip([*((time - m.time) / reach for m in points), 0.0], 0, 1),
     )

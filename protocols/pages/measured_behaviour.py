@@ -30,7 +30,7 @@ def observe(run: Run) -> Behaviour:
         if not rows or not condition.has_brain or not tested:
             continue
         which: list[tuple[int, When]] = [(row, when) for when in WHEN for row in rows]
-        track = evaluate(run, condition, which, SPIN_MINUTES * run.experiment.time_scale)
+        track = evaluate(run, condition, which, SPIN_MINUTES)
         spinning[condition] = spins(track.poses).mean(axis=0).reshape(2, -1).T
         away = np.linalg.norm(track.poses[[0, -1], :, :2], axis=-1)  # the centre is the origin
         nearer[condition] = (away[0] - away[1]).reshape(2, -1).T

@@ -44,7 +44,7 @@ Act = Callable[[np.ndarray], np.ndarray]
 # The two tests, before and after training, and which of the two stored brains drove the robot.
 BRAINS_OF_TESTS: dict[str, When] = {"pre": "before", "post": "after"}
 _ALONE = np.array([0])  # the robot of a batch of one
-BEFORE, AFTER = "before training", "after training"
+BEFORE = "before training"
 
 
 # ---- One robot in an episode ----
@@ -70,8 +70,8 @@ class Moment:
         sensed = batch.sensordata[row].copy()
         return cls(
             step * CONTROL_TIMESTEP,
-            batch.pose[row],
-            batch.spot[row],
+            batch.pose[row].copy(),
+            batch.spot[row].copy(),
             batch.rules.observations(sensed),
             np.zeros(2),
             bool((sensed[batch.rules.layout.touch] > 0).any()),
@@ -88,6 +88,7 @@ class Episode:
     task: str  # of the domain "arena"
     driver: str  # in a few words
     when: str  # in the driver's life, in a few words
+    event: str  # that is measured, in words
     batch: Robots  # of one robot
     act: Act
     steps: float  # control steps; infinity for an episode without end
@@ -100,22 +101,15 @@ class Episode:
         Raises:
           InputError: there is no such policy, or a value is invalid; see `policy_act`.
         """
-        _when(phase, seed)
+        when = f"{_when(phase, seed)} training"
         act, task = policy_act(policies, robot, phase), policies.task
         batch, random = make_batch(task, 1), np.random.default_rng(seed)
         pose, spot = Start().draw(random, batch.dimensions)
         batch.place_spot(_ALONE, spot[None])
         batch.place(_ALONE, pose[None])
         steps = TASKS[task].time_limit / CONTROL_TIMESTEP
-        when = AFTER if phase == "post" else BEFORE
-        return cls(task, f"PPO, policy {robot}", when, batch, act, steps, random)
-
-    @property
-    def event(self) -> str:
-        """The measured event, in words."""
-        return (
-            "in the spot" if issubclass(TASKS[self.task].rules, SpotFindingRules) else "in contact"
-        )
+        event = "in the spot" if issubclass(TASKS[task].rules, SpotFindingRules) else "in contact"
+        return cls(task, f"PPO, policy {robot}", when, event, batch, act, steps, random)
 
     @property
     def seconds(self) -> float:
@@ -194,10 +188,12 @@ class StoredRobot:
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         start = _first_phase(experiment, task, self.phase)
         place(batch, start, random)
+        life = experiment.life_of(task)
         return Episode(
-            experiment.life_of(task).task,
+            life.task,
             _driver(self.condition, self.robot),
-            AFTER if self.phase == "post" else BEFORE,
+            f"{_when(self.phase)} training",
+            life.event,
             batch,
             act,
             control_steps(start.minutes),
@@ -230,6 +226,9 @@ class Relived:
     Its life can be filmed like an `Episode`, in which nothing is learned.
     """
 
+    task: str  # of the domain "arena"
+    driver: str  # in a few words
+    event: str  # that is measured, in words
     cohort: Cohort
     robot: int  # number within the condition
 
@@ -248,29 +247,15 @@ class Relived:
             raise InputError(
                 "a life that was simulated on a GPU or in MuJoCo Warp cannot be simulated again"
             )
-        last = sum(experiment.life_of(condition.task).steps()) / control_steps(1)
+        life = experiment.life_of(condition.task)
+        last = (total := sum(life.steps())) / control_steps(1)
         if not 0 <= minute < last:
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
-        steps = round(minute * control_steps(1))
+        steps = min(round(minute * control_steps(1)), total - 1)
         cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
         for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
             cohort.advance(min(control_steps(1), steps - cohort.step))
-        return cls(cohort, robot)
-
-    @property
-    def task(self) -> str:
-        """Name of the task, in the domain "arena"."""
-        return self.cohort.experiment.life_of(self.cohort.key.condition.task).task
-
-    @property
-    def driver(self) -> str:
-        """Name of the driver, in a few words."""
-        return _driver(self.cohort.key.condition, self.robot)
-
-    @property
-    def event(self) -> str:
-        """The measured event, in words."""
-        return self.cohort.experiment.life_of(self.cohort.key.condition.task).event
+        return cls(life.task, _driver(condition, robot), life.event, cohort, robot)
 
     @property
     def when(self) -> str:
@@ -297,7 +282,7 @@ class Relived:
             moment = Moment.of(batch, row, self.cohort.step - first, event, events)
             recorder.motors.clear()
             self.cohort.advance(1)
-            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row]))
+            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row].copy()))
             event = bool(batch.rules.event(batch.sensordata)[row])
             events += event
         if self.cohort.valid[row]:
@@ -364,12 +349,19 @@ def stored_brains(
 def evaluate(
     run: Run, condition: Condition, which: Sequence[tuple[int, When]], minutes: float
 ) -> Track:
-    """Evaluates brains, see `stored_brains`, in the first minutes of the test after training."""
+    """Evaluates brains, see `stored_brains`, for `minutes_of_test` of the test after training."""
     agent = stored_brains(run, condition, which)
     batch = run.experiment.batch(condition.task, len(which))
     start = _first_phase(run.experiment, condition.task, "post")
     place(batch, start, np.random.default_rng(SEED))
-    return watch(batch, agent, control_steps(minutes), what=str(condition))
+    steps = control_steps(minutes_of_test(run, condition.task, minutes))
+    return watch(batch, agent, steps, what=str(condition))
+
+
+def minutes_of_test(run: Run, task: str, most: float) -> float:
+    """Returns `most` minutes, times the time scale; at most those until robots are placed again."""
+    start = _first_phase(run.experiment, task, "post")
+    return min(most * run.experiment.time_scale, start.minutes, start.every_minutes or math.inf)
 
 
 def _first_phase(experiment: Experiment, task: str, stage: str) -> Phase:

@@ -30,7 +30,7 @@ from ..storage import (
 from ..terminal import printable
 from . import figures, markdown, measured_behaviour, robot_figures, style, tables
 from . import film as films
-from .replay import BRAINS_OF_TESTS, StoredRobot
+from .replay import BRAINS_OF_TESTS, StoredRobot, minutes_of_test
 
 PAGE = "report.html"
 _TEMPLATE = Path(__file__).with_name("report.html.jinja")
@@ -87,7 +87,7 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
         yield f"trajectories_{task}", robot_figures.trajectories(run, task)
         yield f"values_{task}", robot_figures.values(run, task)
     if behaviour.spinning:
-        yield "spinning", figures.spinning(behaviour)
+        yield "spinning", figures.spinning(run, behaviour)
     if behaviour.stays:
         yield "stays", figures.stays(behaviour.stays)
 
@@ -119,7 +119,7 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
             )
             if path not in _kept(folder):
                 robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
-                episodes = [robot.episode() for robot in robots]
+                episodes = (robot.episode() for robot in robots)
                 films.film(episodes, path, seconds=_FILM_SECONDS, speed=speed)
         except InputError as error:
             if not existed and not any(folder.iterdir()):
@@ -153,7 +153,6 @@ def page(
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    scale = run.experiment.time_scale
     return environment.get_template(_TEMPLATE.name).render(
         name=printable(run.name),
         summary=_summary(run),
@@ -167,15 +166,16 @@ def page(
         tasks=[
             {
                 "name": task,
-                "title": (life := run.experiment.life_of(task)).title.lower(),
+                "title": life.title.lower(),
                 "event": life.event,
-                "minutes": f"{robot_figures.MINUTES[life.wanted] * scale:g}",
+                "minutes": f"{minutes_of_test(run, task, robot_figures.MINUTES[life.wanted]):g}",
                 "kinds": [one.kind for one in robot_figures.examples(run, task)],
             }
             for task in run.tasks()
+            if (life := run.experiment.life_of(task)).tested
         ],
         sample=measured_behaviour.SAMPLE,
-        spin_minutes=f"{measured_behaviour.SPIN_MINUTES * scale:g}",
+        spin_minutes=f"{measured_behaviour.SPIN_MINUTES * run.experiment.time_scale:g}",
     )
 
 

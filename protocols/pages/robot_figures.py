@@ -82,7 +82,7 @@ def trajectories(run: Run, task: str) -> Figure | None:
     condition = found[0].condition
     which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
     life = run.experiment.life_of(task)
-    track = evaluate(run, condition, which, MINUTES[life.wanted] * run.experiment.time_scale)
+    track = evaluate(run, condition, which, MINUTES[life.wanted])
     figure, axes = canvas(2.9, 2, len(found))
     for index, axis in enumerate(axes.T.flat):
         example, when = found[index // 2], WHEN[index % 2]
@@ -96,10 +96,11 @@ def trajectories(run: Run, task: str) -> Figure | None:
 
 def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index: int) -> None:
     """Draws the walls from above, the spot in a task with a spot, and a robot's path."""
-    size = run.experiment.batch(condition.task, 1).dimensions
+    batch = run.experiment.batch(condition.task, 1)
+    size = batch.dimensions
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
-    if run.experiment.life_of(condition.task).wanted:
+    if batch.rules.has_nose:
         axis.add_patch(Circle(tuple(track.spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
     draw_path(axis, track, index, colour(condition.proposer))
     axis.set(xlim=(-1.03 * length, 1.03 * length), ylim=(-1.04 * width, 1.04 * width))
@@ -127,8 +128,8 @@ def grid() -> torch.Tensor:
     return torch.cartesian_prod(line, line)[None]
 
 
-def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
-    """Returns the sensor signals, shape (S,), of a task's robot in three situations, by name.
+def situations(batch: Robots) -> dict[str, np.ndarray]:
+    """Returns the sensor signals, shape (S,), of a robot in three situations of its task, by name.
 
     The robot of the batch, its only one, is placed in each of them.
     """
@@ -145,7 +146,7 @@ def situations(batch: Robots, task: str) -> dict[str, np.ndarray]:
         "inside the spot": (x - size.nose, y, 0.0),
     }
     states = {}
-    for name, pose in (walls if task == "wall_avoidance" else spot).items():
+    for name, pose in (spot if batch.rules.has_nose else walls).items():
         batch.place_spot(one, np.array([[x, y]]))
         batch.place(one, np.array([pose]))
         for _ in range(3 if name == "pressed against it" else 0):
@@ -165,7 +166,7 @@ def values(run: Run, task: str) -> Figure | None:
     if example is None:
         return None
     condition = example.condition
-    states = situations(run.experiment.batch(task, 1), task)
+    states = situations(run.experiment.batch(task, 1))
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
     for axes_of_test, when in zip(axes, WHEN, strict=True):
         agent = stored_brains(run, condition, [(example.row, when)])

@@ -3,6 +3,7 @@
 import json
 import math
 import re
+import weakref
 from unittest.mock import Mock, patch
 
 import numpy as np
@@ -88,6 +89,23 @@ def test_a_population_without_memory_leaves_its_numbers_empty(monkeypatch):
     monkeypatch.setattr(speed, "life", Mock(side_effect=full))
     rows = list(speed.populations(speed.QUICK, "cpu"))
     assert [row.keys() for row in rows] == [{"simulator", "robots"}] * 4
+
+
+def test_a_population_is_gone_when_the_next_one_is_made(monkeypatch):
+    made, make = [], speed.cohort_in_training
+
+    def cohort(*arguments):
+        assert all(reference() is None for reference in made)
+        made.append(weakref.ref(new := make(*arguments)))
+        return new
+
+    def life(cohort, *_):
+        raise RuntimeError("out of memory")
+
+    monkeypatch.setattr(speed, "cohort_in_training", cohort)
+    monkeypatch.setattr(speed, "life", life)
+    monkeypatch.setattr(speed, "SIMULATORS", {"kinematic": {"body": "kinematic"}})
+    assert len([*speed.populations(speed.QUICK, "cpu")]) == len(made) == 2
 
 
 def test_what_cannot_be_measured_is_refused_in_one_sentence(tmp_path, capsys):

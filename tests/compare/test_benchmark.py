@@ -3,13 +3,15 @@
 import dataclasses
 import re
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+from musebot.controller import BRAINS
 from musebot.controller.parameters import PROPOSERS
 from musebot.models import Kinematics
-from musebot.protocols.compare import bounds
+from musebot.protocols.compare import bounds, lives_page
 from musebot.protocols.compare.benchmark import HEADLINE, LEARNERS, Benchmark, newborn_lives
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.compare.tune import Tune
@@ -38,6 +40,11 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         assert plans["body-dqn"].experiment.signals == track
         brain = plans["tasks-steady"].experiment.brain
         assert brain.raw_signals == brain.raw_reward == (track == "raw")
+        brains = Benchmark(signals=track, agent=tuple(BRAINS), life=("tasks",)).plans()
+        for name, own in BRAINS.items():
+            found = brains[f"tasks-{name}"].experiment.brain
+            paper = {"raw_signals": False, "raw_reward": False} if track == "paper" else {}
+            assert found == dataclasses.replace(own, **paper), name
     for plan in plans.values():
         assert plan.experiment.cohort_size == 60 and plan.experiment.seed == 61010
         assert plan.experiment.kinematics == Kinematics(
@@ -91,7 +98,9 @@ def test_an_agent_named_twice_has_one_run_and_one_that_fails_writes_nothing(
     assert not (tmp_path / "out").exists()
 
 
-def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_process):
+def test_tuned_settings_are_used_and_learners_and_lives_are_added(
+    tmp_path, in_process, monkeypatch
+):
     tuned, out = tmp_path / "tuned", tmp_path / "out"
     tune = Tune(agent="sarsa_lambda", trials=4, kept=2, robots=2, time_scale=0.001)
     conduct(tune, tuned, in_process())
@@ -106,8 +115,11 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
     first = conduct(study, out, in_process()).markdown
     assert conduct(study, out, in_process(most=0)).markdown == first
     kept = {path: path.read_bytes() for path in out.glob("b*/*") if path.is_file()}
-    more = dataclasses.replace(study, agent=("sarsa_lambda", "paper"), life=("body", "senses"))
-    done = conduct(more, out, in_process())
+    brains = "paper", "steady", "steady-raw_signals"
+    more = dataclasses.replace(study, agent=("sarsa_lambda", *brains), life=("body", "senses"))
+    monkeypatch.setattr(lives_page, "same_mean", tested := Mock(wraps=lives_page.same_mean))
+    done, costs = conduct(more, out, executor := in_process()), [j.cost for j in executor.jobs]
+    assert costs == sorted(costs, reverse=True)
     page = done.markdown
     assert all(path.read_bytes() == content for path, content in kept.items())
     assert "A rehearsal, all durations times 0.0005: its numbers mean nothing." in page
@@ -117,6 +129,8 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(tmp_path, in_p
         "Scores", "Changing body", "Changing senses"
     ]  # fmt: skip
     learners = ["sarsa_lambda", *(f"paper, {name}" for name in PROPOSERS)]
+    learners += [f"{brain}, creative" for brain in brains[1:]]
+    assert tested.call_count == 2 * (len(learners) - 1)
     for learner in learners:  # among the scores and in the table of each life
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 3, learner
     assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2

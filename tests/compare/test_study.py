@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from musebot.fields import whole
 from musebot.protocols.compare import jobs, study
-from musebot.protocols.compare.jobs import ArrayJob, lives
+from musebot.protocols.compare.jobs import ArrayJob, simulate_cohort
 from musebot.protocols.compare.study import (
     STUDY_FILE,
     Page,
@@ -73,8 +73,7 @@ class Squares(Study):
                 job.read()
 
     def work(self, out, run_jobs):
-        run_jobs(self.jobs(out))
-        simulate_runs(out, self.plans(), run_jobs)
+        simulate_runs(out, self.plans(), run_jobs, self.jobs(out))
 
     def page(self, out):
         total = sum(int(job.read()["square"][0]) for job in self.jobs(out))
@@ -96,7 +95,8 @@ def test_a_study_leaves_its_files_its_page_and_what_identifies_it(tmp_path, in_p
     assert page.markdown == "The sum is 14.\n" == (out / "squares.md").read_text()
     names = {"numbers", "own", "slow", "squares.md", "squares.svg", "squares.png", STUDY_FILE}
     assert {path.name for path in out.iterdir()} == names
-    assert len(executor.jobs) == 3 + 2 + 1
+    costs = [job.cost for job in executor.jobs]
+    assert len(costs) == 3 + 2 + 1 and costs == sorted(costs, reverse=True)
     known = json.loads((out / STUDY_FILE).read_text())
     assert (known["study"], known["identity"]) == ("squares", {"numbers": [1, 2, 3]})
     assert [one["musebot"] for one in known["made_with"]]
@@ -200,7 +200,7 @@ STEPS = sum(EXPERIMENT.life_of("wall_avoidance").steps())
 def cohort_job(path):
     path.mkdir()
     shapes = {"events": ("I32", (2, 3)), "valid": ("BOOL", (2,))}
-    work = functools.partial(lives, EXPERIMENT, WALLS[0])
+    work = functools.partial(simulate_cohort, EXPERIMENT, WALLS[0])
     return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), shapes, {})
 
 

@@ -22,7 +22,7 @@ NAN = float("nan")
 ALL = [Condition(t, p) for t in (WA, SF) for p in ("fixed", "random", "creative")]
 
 
-def run_of(*conditions, robots=6, minutes=160, **fields):
+def run_of(*conditions, robots=6, **fields):
     """A run in which some robots got worse, others are perfect, and events are at random."""
     rows = [
         Robot(
@@ -31,18 +31,20 @@ def run_of(*conditions, robots=6, minutes=160, **fields):
         for c in conditions
         for i in range(robots)
     ]
-    run = run_of_rows(rows, Experiment(**fields), minutes=minutes)
-    for part in run.results.values():
-        part.curves[:] = np.random.default_rng(0).random(part.curves.shape)
+    run = run_of_rows(rows, Experiment(**fields))
+    for condition, part in run.results.items():
+        minutes = len(run.experiment.life_of(condition.task).steps_of_minutes())
+        curves = np.random.default_rng(0).random((robots, minutes))
+        run.results[condition] = dataclasses.replace(part, curves=curves)
     return run
 
 
 def test_populations_are_drawn_for_any_conditions(check_figure, recwarn):
-    for conditions, robots, minutes in (
-        (ALL, 6, 160),
-        ([Condition(WA, "creative"), Condition(SF, "agents:mine")], 1, 1),
+    for conditions, robots, scale in (
+        (ALL, 6, 1),
+        ([Condition(WA, "creative"), Condition(SF, "agents:mine")], 1, 1 / 400),
     ):
-        run = run_of(*conditions, robots=robots, minutes=minutes)
+        run = run_of(*conditions, robots=robots, time_scale=scale)
         with style.styled():
             for draw in (figures.learning_curves, figures.categories, figures.abilities):
                 check_figure(draw(run))
@@ -75,7 +77,7 @@ def test_no_point_of_a_curve_mixes_a_test_and_training(task, fields):
     schedule = Experiment(**fields).life_of(task)
     borders = [schedule.minutes_of("pre").stop, schedule.minutes_of("training").stop]
     minutes = schedule.minutes_of("post").stop
-    run = run_of(condition := Condition(task, "fixed"), minutes=minutes, **fields)
+    run = run_of(condition := Condition(task, "fixed"), **fields)
     run.results[condition].curves[:] = np.repeat([0.8, 0.1, 0.3], np.diff([0, *borders, minutes]))
     with style.styled():
         axis = figures.learning_curves(run).axes[0]
@@ -92,7 +94,7 @@ def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
     for scale in (0.97, 1 / 128, 1 / 400):
         steps = Experiment(time_scale=scale).life_of(WA).steps_of_minutes()
         assert len({*steps}) > 1 or len(steps) == 1  # the last minute is shorter than others
-        run = run_of(WALLS_FIXED, minutes=len(steps), time_scale=scale)
+        run = run_of(WALLS_FIXED, time_scale=scale)
         with style.styled():
             line = figures.learning_curves(run).axes[0].lines[0]
         hours, means = line.get_data()
@@ -107,7 +109,7 @@ def test_the_points_of_a_curve_add_up_to_the_time_with_the_event():
 
 @pytest.mark.parametrize("name", LIVES)
 def test_a_curve_marks_where_the_world_changes_in_lives_with_few_changes(name):
-    run = run_of(Condition(name, "creative"), minutes=720, robots=2)
+    run = run_of(Condition(name, "creative"), robots=2)
     worlds = [phase.world for phase in LIVES[name].phases for _ in range(int(phase.minutes))]
     changes = [minute for minute in range(1, len(worlds)) if worlds[minute] != worlds[minute - 1]]
     with style.styled():
@@ -143,9 +145,11 @@ def test_stacked_categories_are_the_counts_of_the_robots():
 
 
 def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(check_figure):
+    own = Condition("mine", "fixed")
+    run = run_of(own, life=dataclasses.replace(LIVES[WA], name="mine", title="My walls"))
     shares = np.array([[0.1, 0.9], [0.3, 0.7], [0.2, 0.5]])
     with style.styled():
-        figure = figures.spinning(Behaviour({WALLS_FIXED: shares}, {}))
+        figure = figures.spinning(run, Behaviour({own: shares}, {}))
         check_figure(figure)
     before, first, after, second = figure.axes[0].lines
     for marks, mean, column in ((before, first, 0), (after, second, 1)):
@@ -153,6 +157,7 @@ def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(ch
         assert mean.get_ydata() == pytest.approx([shares[:, column].mean()] * 2)
         for line in (marks, mean):
             assert (np.sign(line.get_xdata()) == 2 * column - 1).all()
+    assert figure.axes[0].get_title(loc="left") == "My walls"
     for empty, full in ((before, after), figure.legends[0].get_lines()):
         assert empty.get_markerfacecolor() == "none" != full.get_markerfacecolor()
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import os
 import resource
+import shutil
 import signal
 import sys
 import tempfile
+import weakref
 from typing import Any
 from unittest.mock import Mock
 
@@ -19,8 +22,11 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film
 from musebot.protocols.pages.panel import HEIGHT, WIDTH
-from musebot.protocols.pages.replay import AFTER, Episode, Moment
-from musebot.protocols.storage import draft_name
+from musebot.protocols.pages.replay import Episode, Moment
+from musebot.protocols.runs.cohort import Cohort
+from musebot.protocols.runs.manifest import MANIFEST, read_manifest, write_manifest
+from musebot.protocols.runs.run_files import read_measured, write_results
+from musebot.protocols.storage import draft_name, read_json, write_json
 from musebot.tasks import make_batch
 
 
@@ -156,8 +162,9 @@ def test_a_film_that_is_shorter_than_asked_says_so(tmp_path, monkeypatch, capsys
         if "unstable" in sentence:
             unstable(Episode.moments)
         batch, random = make_batch("wall_avoidance", 1), np.random.default_rng(0)
-        driver = "wall_avoidance", "nobody", AFTER, batch, lambda _: np.zeros((1, 2)), 20, random
-        film.film([Episode(*driver)], tmp_path / "film.mp4", seconds=seconds, speed=speed)
+        words = "wall_avoidance", "nobody", "after training", "in contact"
+        episode = Episode(*words, batch, lambda _: np.zeros((1, 2)), 20, random)
+        film.film([episode], tmp_path / "film.mp4", seconds=seconds, speed=speed)
         said = capsys.readouterr().err
         assert sentence in said and said.count("musebot:") == 1 + bool(sentence)
         assert counts.pop() == frames
@@ -199,6 +206,22 @@ def test_a_robot_that_is_placed_elsewhere_does_not_drive_there():
     np.testing.assert_allclose(shots, [[0.005, 0, 1], places[1], places[2]])
 
 
+def test_a_film_keeps_no_more_moments_than_a_trail_draws():
+    made, place = [], np.zeros(3)
+
+    def moments():
+        for k in range(3000):
+            one = Moment(0.1 * k, place, place[:2], {}, place[:2], False, False, 0.0)
+            made.append(weakref.ref(one))
+            yield one
+
+    for speed in (1000, 0.01):
+        for _, trail in film.shots_at(np.arange(0, 299, 7.0), moments(), speed):
+            assert sum(one() is not None for one in made) <= 905
+            assert len(trail.points) <= 902
+        made.clear()
+
+
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
     policy_file, directory, tmp_path, capsys
 ):
@@ -219,3 +242,41 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         said = capsys.readouterr().err
         assert sentence in said and said.count("\n") == 1
         assert {*os.listdir(tmp_path)} == {"p.safetensors", "text.csv"}
+
+
+def commanded(folder, words, output):
+    """Returns the status of `musebot film` for wall avoidance."""
+    words = f"--task wall_avoidance --output {output} {words}".split()
+    return cli.main(["film", str(folder), *words])
+
+
+def test_nothing_is_simulated_before_a_refusal(directory, tmp_path, monkeypatch, capsys):
+    shutil.copytree(directory, warp := tmp_path / "warp")
+    plan = read_manifest(directory)
+    measured = read_measured(directory, plan.experiment)
+    other = dataclasses.replace(plan.experiment, physics="warp")
+    write_manifest(warp, dataclasses.replace(plan, experiment=other), begun=False)
+    write_results(warp, other, measured)
+    monkeypatch.setattr(Cohort, "advance", Mock(side_effect=AssertionError))
+    for folder, words, name, sentence in (
+        (directory, "--minute 0.3", "x.avi", "must be an .mp4 or a .gif"),
+        (directory, "--minute 0.3 --seconds 0", "x.gif", "length in seconds must be positive"),
+        (warp, "--minute 0.3", "x.gif", "in MuJoCo Warp cannot be simulated again"),
+    ):
+        assert commanded(folder, words, tmp_path / name) == 2
+        said = capsys.readouterr().err
+        assert sentence in said and said.count("\n") == 1
+        assert os.listdir(tmp_path) == ["warp"]
+
+
+def test_another_physics_is_told_once(directory, tmp_path, monkeypatch, capsys):
+    shutil.copytree(directory, other := tmp_path / "run")
+    content = read_json(other / MANIFEST)
+    write_json(other / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+    made = []
+    monkeypatch.setattr(film, "film", lambda episodes, *_, **__: made.extend(episodes))
+    for words, count in (("--phase both", 2), ("--phase both --minute 0.1", 1)):
+        assert commanded(other, words, "x.gif") == 0
+        assert capsys.readouterr().err.count("was simulated in another physics") == 1
+        assert len(made) == count
+        made.clear()

@@ -29,7 +29,7 @@ def test_valid_robots_with_a_brain_are_observed_before_and_after_training(run):
     behaviour = measured_behaviour.observe(run)
     assert [*behaviour.spinning] == [*behaviour.nearer] == run.conditions()[:3]
     # Brains with fixed ideas have no noise: each robot does the same alone.
-    minutes = measured_behaviour.SPIN_MINUTES * run.experiment.time_scale
+    minutes = measured_behaviour.SPIN_MINUTES
     for column, when in enumerate(("before", "after")):
         for place, row in enumerate((1, 2)):
             track = evaluate(run, WALLS, [(row, when)], minutes)

@@ -14,8 +14,6 @@ from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import replay
 from musebot.protocols.pages.replay import (
-    AFTER,
-    BEFORE,
     Episode,
     Moment,
     Relived,
@@ -27,7 +25,7 @@ from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.run import Run, results_of
 from musebot.tasks import make_batch
-from musebot.tasks.lives import UPPER_LEFT, UPPER_RIGHT
+from musebot.tasks.lives import STAGES, UPPER_LEFT, UPPER_RIGHT, Life, Phase
 from musebot.tasks.suite import TASKS
 from musebot.tasks.world import World
 
@@ -55,7 +53,7 @@ def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(newborn, ta
         state, *_ = robots.step(motors * 2 * TASKS[task].limit)
     spots = len(np.unique([moment.spot for moment in moments], axis=0))
     assert spots == (3 if TASKS[task].spot_steps else 1)
-    assert episode.when == (AFTER if phase == "post" else BEFORE)
+    assert episode.when == ("after training" if phase == "post" else "before training")
 
 
 def test_episode_lasts_as_long_as_that_of_the_task_or_as_its_simulation_is_stable(newborn):
@@ -71,7 +69,8 @@ def test_the_time_with_the_event_adds_up():
     batch = make_batch("wall_avoidance", 1)
     batch.place(np.array([0]), np.array([[0.49, 0.0, 0.0]]))  # close to a wall
     act, random = (lambda _: np.full((1, 2), 0.1)), np.random.default_rng(0)
-    moments = [*Episode("wall_avoidance", "nobody", AFTER, batch, act, 9, random).moments()]
+    words = "wall_avoidance", "nobody", "after training", "in contact"
+    moments = [*Episode(*words, batch, act, 9, random).moments()]
     events = [moment.event for moment in moments]
     assert events == [moment.contact for moment in moments] and sum(events) > 1
     seconds = [moment.event_seconds for moment in moments]
@@ -96,6 +95,8 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
     moments = [*relived.moments()]
     assert len(moments) == relived.cohort.steps - start + 1
     assert moments[-1].time == pytest.approx((relived.cohort.steps - start) / 10)
+    for one in moments:  # none keeps the arrays of the whole cohort
+        assert one.pose.base is one.spot.base is one.motors.base is None
     corner = relived.batch.dimensions.half_length - moments[0].pose[0]
     assert start or corner > 0.5  # the first moment is after the placement
     lived = run.results[condition].networks["after"]
@@ -105,6 +106,14 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
     for minute in (1.0, float("nan"), float("inf"), -0.1):
         with pytest.raises(InputError, match="the life has minutes from 0 to"):
             Relived.at(run, condition, 1, minute)
+
+
+def test_a_life_can_be_filmed_from_every_minute_before_its_end(run):
+    condition = Condition("wall_avoidance", "creative")
+    last = len([*Relived.at(run, condition, 1, 0).moments()]) - 1  # control steps
+    for step in (0.4, last - 1, last - 0.6, last - 0.4, np.nextafter(last, 0)):
+        moments = [*Relived.at(run, condition, 1, step / 600).moments()]
+        assert len(moments) == last - min(round(step), last - 1) + 1
 
 
 def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):
@@ -168,6 +177,23 @@ def test_a_stored_robot_does_what_it_did_in_the_run(name, signals):
     assert robot.episode().driver == f"{name or 'fixed proposer'}, robot 1"
 
 
+def test_films_name_the_event_of_the_life():
+    worlds = World(), World(rewarded="driving")
+    for task, world, event in (
+        ("wall_avoidance", worlds[0], "in contact"),
+        ("spot_or_driving", worlds[0], "in the spot"),
+        ("spot_or_driving", worlds[1], "at the goal"),
+    ):
+        phases = tuple(Phase(stage, 0.01, False, world=world) for stage in STAGES)
+        life = Life("mine", "Mine", task, phases, wanted=task != "wall_avoidance")
+        experiment = Experiment(cohort_size=1, body="kinematic", life=life)
+        cohort = Cohort(experiment, CohortKey(condition := Condition("mine", "fixed"), 0))
+        cohort.advance(cohort.steps)
+        run = Run("own", experiment, results_of(experiment, {condition: cohort.lives()}))
+        robot = StoredRobot(run, condition, 0, "post")
+        assert robot.episode().event == Relived.at(run, condition, 0, 0.0).event == event
+
+
 def test_a_robot_of_other_dimensions_is_not_filmed_as_the_ordinary_one(run, stored):
     for name in ("radius", "wheel_base"):
         kinematics = Kinematics(**{name: 0.05})
@@ -193,7 +219,8 @@ def test_batch_of_brains_does_what_each_brain_does_alone(run):
     # The fixed proposer has no noise, so that every brain's path is bit-exact.
     condition = Condition("wall_avoidance", "fixed")
     rows = [(0, "before", "pre"), (2, "after", "post"), (1, "before", "pre")]
-    track = replay.evaluate(run, condition, [(row, when) for row, when, _ in rows], 0.02)
+    track = replay.evaluate(run, condition, [(row, when) for row, when, _ in rows], 99.0)
+    assert len(track.events) == 12  # of the first of two phases
     for index, (row, _, phase) in enumerate(rows):
         alone = StoredRobot(run, condition, row, phase).episode().moments()
         moments = [*itertools.islice(alone, 13)]

@@ -17,10 +17,12 @@ from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film, report, tables
 from musebot.protocols.pages.report import page
+from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.manifest import MANIFEST
 from musebot.protocols.runs.run import Robot
 from musebot.protocols.runs.run_files import read_run
 from musebot.protocols.storage import write_json
+from musebot.tasks.lives import LIVES
 
 
 def run_of(*proposers, robots=20):
@@ -48,6 +50,17 @@ def test_the_page_has_every_cell_note_and_verdict_of_the_tables_escaped(exact):
     assert f"musebot {__version__}<" in text and "60 robots, seed 1" in text
     said = "In wall avoidance, 20 creative robots were in contact for"
     assert said in text and text.index(said) < text.index("MuJoCo, 60 robots")
+
+
+def test_captions_have_the_minutes_that_figures_show(tmp_path):
+    (tmp_path / "drawn.png").write_bytes(b"drawn")
+    ten = tuple(dataclasses.replace(one, minutes=10.0) for one in LIVES["spot_finding"].phases)
+    life = dataclasses.replace(LIVES["spot_finding"], name="mine", phases=ten)
+    for name, minutes in (("wall_avoidance", 4), ("spot_finding", 15), ("mine", 10)):
+        row = Robot(name, "creative", 1, 0, 0, 6.0, 2.0, 0.5, "0 < L < 1")
+        run = run_of_rows([row], Experiment(life=life))
+        text = page(run, "", {f"trajectories_{name}": tmp_path / "drawn.png"}, {}, "")
+        assert f"First {minutes} minutes of the test, from the ring" in text
 
 
 @pytest.fixture(scope="module")

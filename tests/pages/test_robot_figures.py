@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 import torch
@@ -14,6 +16,8 @@ from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.run import Robot
 from musebot.tasks import make_batch
+from musebot.tasks.lives import LIVES
+from musebot.tasks.suite import TASKS
 
 WA, SF = "wall_avoidance", "spot_finding"
 NAN = float("nan")
@@ -24,7 +28,7 @@ KINDS = {
 }
 
 
-def invented(conditions, kinds, first=0, scale=0.1):
+def invented(conditions, kinds, first=0, **fields):
     """Returns a run of robots of the given kinds, without networks."""
     rows = [
         Robot(condition.task, condition.proposer, 1, 0, first + k, pre, post, ability, kind)
@@ -33,7 +37,7 @@ def invented(conditions, kinds, first=0, scale=0.1):
     ]
     size = len(rows) // len(conditions)
     return run_of_rows(
-        rows, Experiment(body="kinematic", time_scale=scale, cohort_size=size), minutes=99
+        rows, Experiment(body="kinematic", time_scale=0.1, cohort_size=size, **fields), minutes=99
     )
 
 
@@ -132,7 +136,11 @@ def test_the_left_motor_is_along_x_and_the_ring_is_around_the_best_idea():
     assert above(axis) == "0.00 to 0.00"
 
 
-def test_values_are_of_the_favourites_brain_before_and_after_training(examples, monkeypatch):
+@pytest.mark.parametrize("name", [WA, "mine"])
+def test_values_are_of_the_favourites_brain_before_and_after_training(name, monkeypatch):
+    life = dataclasses.replace(LIVES[WA], name="mine", title="My walls")
+    run = invented([Condition(name, "creative")], {name: KINDS[WA]}, life=life)
+
     def stored(run, condition, which):
         ((row, when),) = which
         agent = robot_figures.NeurocontrollerAgent.__new__(robot_figures.NeurocontrollerAgent)
@@ -140,20 +148,25 @@ def test_values_are_of_the_favourites_brain_before_and_after_training(examples, 
         return agent
 
     monkeypatch.setattr(robot_figures, "stored_brains", stored)
-    figure = robot_figures.values(examples, WA)
+    figure = robot_figures.values(run, name)
     assert [above(axis) for axis in figure.axes] == ["9.50 to 10.50"] * 3 + ["14.50 to 15.50"] * 3
     labels = [axis.get_ylabel().split()[0] for axis in (figure.axes[0], figure.axes[3])]
     assert labels == ["before", "after"]
-    assert figure.get_suptitle() == "Wall avoidance, learner: creative 1"
+    title = run.experiment.life_of(name).title
+    assert figure.get_suptitle() == f"{title}, learner: creative 1"
+    assert figure.axes[2].get_title() == "pressed against it"
 
 
 def test_situations_match_their_names():
-    walls = robot_figures.situations(make_batch(WA, 1), WA)
+    walls = robot_figures.situations(make_batch(WA, 1))
     front, contact = {k: v[0] for k, v in walls.items()}, {k: v[4] for k, v in walls.items()}
     assert front["a wall 3 cm ahead"] == pytest.approx(1 / 1.03**10, rel=0.02)
     assert front["in the open"] < 0.05
     assert contact == {"in the open": 0, "a wall 3 cm ahead": 0, "pressed against it": -1}
-    smells = {k: v[0] for k, v in robot_figures.situations(make_batch(SF, 1), SF).items()}
+    smells = {k: v[0] for k, v in robot_figures.situations(make_batch(SF, 1)).items()}
     assert smells["no smell"] == 0
     assert smells["spot 20 cm ahead"] == pytest.approx(3 / 4, rel=0.01)  # s' = 10 * 0.06 / 0.2
     assert smells["inside the spot"] == pytest.approx(10 / 11)
+    for task in TASKS:
+        robot_figures.situations(batch := make_batch(task, 1))
+        assert batch.rules.event(batch.sensordata).all(), task

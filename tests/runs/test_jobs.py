@@ -9,7 +9,7 @@ import pytest
 from helpers import files_below
 
 from musebot.controller import BRAINS, NoisePatterns, Parameters
-from musebot.protocols.compare.jobs import ArrayJob, lives
+from musebot.protocols.compare.jobs import ArrayJob, simulate_cohort
 from musebot.protocols.errors import RunError
 from musebot.protocols.runs import jobs
 from musebot.protocols.runs.checkpoints import read_lives
@@ -31,7 +31,7 @@ def cohort_job(folder, keys=KEYS[:1], save_every=60.0, experiment=SHORT):
 def evaluation(folder):
     folder.mkdir(parents=True, exist_ok=True)
     cost = SHORT.robot_seconds(sum(SHORT.life_of(LEARNER.task).steps()))
-    work = functools.partial(lives, SHORT, LEARNER)
+    work = functools.partial(simulate_cohort, SHORT, LEARNER)
     return ArrayJob(folder / "one.safetensors", work, cost, {}, {"seed": SHORT.seed})
 
 
