@@ -23,7 +23,7 @@ from ...tasks.suite import TASKS, task_definition
 from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
 from .experiment import Experiment
-from .plan import changed
+from .plan import check_robots
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
@@ -131,26 +131,26 @@ def read_config(path: Path) -> Config:
     """Reads a file with the sections `experiment` and `plan` of a run's `experiment.json`.
 
     Every field may be left out. `brain` is the name of a brain, or parameters that differ from the
-    paper's brain. If these contain a `name`, they differ from the brain of this name instead.
+    paper's brain. If these contain a `name`, they differ from the brain of this name instead. Other
+    fields are checked by `experiment.changed`: the command may override them.
 
     Args:
       path: File to read: JSON if it ends in .json, otherwise TOML.
 
     Raises:
-      InputError: there is no such file, it cannot be read, or a name or a value is invalid.
+      InputError: there is no such file, it cannot be read, or a name or another value is invalid.
     """
     try:
         text = read_whole(path)
         is_json = path.suffix.lower() == ".json"
         content = parsed(path, text) if is_json else tomllib.loads(text.decode())
-    except FileNotFoundError as error:
+    except OSError as error:
         raise InputError(str(error)) from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({' '.join(str(error).split())})") from error
     try:
         content = _checked(content, _SECTIONS, "the file")
         values = _values(content.get("experiment", {}))
-        changed(Experiment(), values)  # refuses what is invalid
         return Config(values, _robots(content.get("plan", ())))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -165,7 +165,7 @@ def read_life(path: Path) -> Life:
     """
     try:
         return _own_life(tomllib.loads(read_whole(path).decode()))
-    except FileNotFoundError as error:
+    except OSError as error:
         raise InputError(str(error)) from error
     except (InputError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
@@ -212,6 +212,7 @@ def _robots(rows: Any) -> dict[tuple[str, str], int]:
             raise InputError(f"task and proposer must be texts, got {shown(pair)}")
         if pair in robots:
             raise InputError(f"{'/'.join(pair)} is planned twice")
+        check_robots(own["robots"])
         robots[pair] = own["robots"]
     return robots
 

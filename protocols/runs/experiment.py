@@ -173,6 +173,26 @@ class Experiment:
         return make_batch(task, robots, **shared)
 
 
+def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
+    """Returns an experiment with other values of some fields, such as "seed" or "brain.epsilon".
+
+    Raises:
+      InputError: a value is invalid.
+    """
+    fields = {name: value for name, value in values.items() if "." not in name}
+    inner: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        part, dotted, own = name.partition(".")
+        if dotted:
+            inner.setdefault(part, {})[own] = value
+    try:
+        for part, own in inner.items():
+            fields[part] = dataclasses.replace(fields.get(part, getattr(experiment, part)), **own)
+        return dataclasses.replace(experiment, **fields)
+    except ValueError as error:
+        raise InputError(str(error)) from error
+
+
 def brain_name(brain: Parameters) -> str:
     """Returns the name of the nearest named brain, with the overrides that turn it into `brain`."""
     overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}

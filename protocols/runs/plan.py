@@ -112,26 +112,6 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
     return size
 
 
-def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with other values of some fields, such as "seed" or "brain.epsilon".
-
-    Raises:
-      InputError: a value is invalid.
-    """
-    fields = {name: value for name, value in values.items() if "." not in name}
-    inner: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        part, dotted, own = name.partition(".")
-        if dotted:
-            inner.setdefault(part, {})[own] = value
-    try:
-        for part, own in inner.items():
-            fields[part] = dataclasses.replace(fields.get(part, getattr(experiment, part)), **own)
-        return dataclasses.replace(experiment, **fields)
-    except ValueError as error:
-        raise InputError(str(error)) from error
-
-
 # ---- Memory ----
 
 

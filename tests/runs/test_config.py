@@ -11,9 +11,8 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.runs.config import named_brain, read_config, values_of
-from musebot.protocols.runs.experiment import Experiment, brain_name, overrides_of
-from musebot.protocols.runs.plan import changed
+from musebot.protocols.runs.config import named_brain, read_config, read_life, values_of
+from musebot.protocols.runs.experiment import Experiment, brain_name, changed, overrides_of
 
 EXAMPLE = """
 experiment.seed = 7
@@ -108,12 +107,13 @@ WRONG = {
     "experiment.brain.epsilon = 2": "epsilon must be a number in [0, 1], got 2",
     "experiment.brain = 3": "brain must have names with values, got 3",
     "experiment.brain.name = [1]": "brain must be one of paper, steady, ",
-    'experiment.seed = "one"': "seed must be a whole number",
     "experiment.seed = 1\nexperiment.seed = 2": "cannot be read",
     "plan = {a = 1}": "plan must be a list of rows",
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
     'plan = [{task = [1], proposer = "fixed", robots = 1}]': "must be texts, got ((1,), 'fixed')",
     f"plan = [{ROW}, {ROW}]": "a/b is planned twice",
+    f"plan = [{ROW.replace('1', '60.5')}]": "robots must be a whole number from 1 to 1000000, got 60",
+    f"plan = [{ROW.replace('= 1', '= true')}]": "robots must be a whole number from 1 to ",
     '{"experiment": {"seed": 1, "seed": 2}}': "'seed' is given twice",
 }
 
@@ -125,6 +125,14 @@ def test_a_wrong_file_is_one_sentence_that_names_the_file(written):
             read_config(path)
         sentence = str(caught.value)
         assert words in sentence and sentence.startswith(str(path)) and "\n" not in sentence
+
+
+@pytest.mark.parametrize("read", [read_config, read_life])
+def test_a_file_that_the_system_does_not_open_is_refused_in_a_sentence(read, written):
+    file = written("")
+    for path in (file / "inside.toml", file.parent, file.parent / "none.toml"):
+        with pytest.raises(InputError, match=str(path)):
+            read(path)
 
 
 PLAIN = st.recursive(
@@ -141,6 +149,8 @@ def test_any_data_is_read_or_refused_in_one_sentence(tmp_path_factory, experimen
     path = tmp_path_factory.mktemp("config") / "run.json"
     path.write_text(json.dumps({"experiment": experiment, "plan": plan}))
     try:
-        read_config(path)
+        config = read_config(path)
+        changed(Experiment(), config.values)
+        assert all(type(robots) is int for robots in config.robots.values())
     except InputError as error:
         assert "\n" not in str(error)
