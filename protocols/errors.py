@@ -13,7 +13,9 @@ _EXTRAS = {
     "brain": "PIL imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy torch",
     "cluster": "ray",
     "gym": "gymnasium moviepy",
+    "numba": "numba",
     "tensorboard": "tensorboard",
+    "warp": "mujoco_warp warp",
 }
 
 

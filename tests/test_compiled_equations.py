@@ -183,5 +183,5 @@ def test_without_numba_and_with_another_version_of_it_nothing_is_simulated(tmp_p
         with pytest.raises(InputError, match="another version of Numba"):
             manifest.check_physics(tmp_path)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"^Numba is not installed; pip install 'musebot"):
+    with pytest.raises(InputError, match=r"^numba is not installed; pip install 'musebot"):
         check_device(plan)

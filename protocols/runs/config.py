@@ -138,7 +138,7 @@ def read_config(path: Path) -> Config:
       path: File to read: JSON if it ends in .json, otherwise TOML.
 
     Raises:
-      InputError: there is no such file, it cannot be read, or a name or another value is invalid.
+      InputError: there is no such file, it cannot be read, or a name or a value is invalid.
     """
     try:
         text = read_whole(path)
