@@ -61,7 +61,7 @@ def simulate(
       plan: Experiment, and the number of robots wanted in each condition.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
-      quiet: Whether to hide the progress and messages.
+      quiet: Whether to hide the progress and the notices before it; messages of jobs are shown.
       log: Whether to write curves for TensorBoard, too.
 
     Returns:
