@@ -84,8 +84,7 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
         name, given, value = word.partition("=")
         if not given:
             raise InputError(f"a value is set as NAME=VALUE, got {shown(word)}")
-        if name not in names:
-            raise InputError(f"there is no parameter {shown(name)}; {nearest(name, names)}")
+        check_name("parameter", name, names)
         if name in values:
             raise InputError(f"{name} is given twice")
         values[name] = _value(value)

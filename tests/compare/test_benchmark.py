@@ -60,7 +60,7 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         ),
         (
             {"set": ("dqn.rate=0.1",), "agent": ("paper",)},
-            "the learner with settings must be one of",
+            "there is no learner with settings 'dqn'; there are none",
         ),
         ({"set": ("dqn.rate=0.1,0.2",), "agent": ("dqn",)}, "a setting must be NAME=VALUE"),
         ({"set": ("dqn.rate=0.1", "dqn.rate=0.2"), "agent": ("dqn",)}, "rate is given twice"),
