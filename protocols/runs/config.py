@@ -14,8 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from ...controller.presets import BRAINS
 from ...controller.parameters import Parameters
+from ...controller.presets import BRAINS
 from ...fields import shown
 from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
@@ -23,6 +23,7 @@ from ...tasks.suite import TASKS, task_definition
 from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
 from .experiment import Experiment
+from .manifest import VALUES
 from .plan import check_robots
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
@@ -45,8 +46,6 @@ READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     }
 )
 
-# What a run's manifest holds; only the first two are read.
-_SECTIONS = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _ROW = ("task", "proposer", "robots")
 
 
@@ -148,7 +147,7 @@ def read_config(path: Path) -> Config:
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({' '.join(str(error).split())})") from error
     try:
-        content = _checked(content, _SECTIONS, "the file")
+        content = _checked(content, VALUES, "the file")
         values = _values(content.get("experiment", {}))
         return Config(values, _robots(content.get("plan", ())))
     except InputError as error:

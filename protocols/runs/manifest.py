@@ -31,7 +31,7 @@ from .plan import Plan
 MANIFEST = "experiment.json"
 FORMAT = 1
 _LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
-_VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
+VALUES = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _WARP = ("mujoco-warp", "warp-lang")
 # The packages that compute.
 _PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", "numba", *_WARP, "cmaes")
@@ -77,8 +77,8 @@ def read_manifest(directory: Path) -> Plan:
             "is the last that reads runs without a format"
         )
     try:
-        if {*content} != _VALUES:
-            raise ValueError(f"it must have {', '.join(sorted(_VALUES))}")
+        if {*content} != {*VALUES}:
+            raise ValueError(f"it must have {', '.join(VALUES)}")
         rows = [(Condition(r["task"], r["proposer"]), r["robots"]) for r in content["plan"]]
         if len(robots := dict(rows)) < len(rows):
             raise ValueError("a condition is planned twice")

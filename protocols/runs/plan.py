@@ -57,11 +57,6 @@ class Plan:
                     "(--set cohort_size=N sets it for a new folder)"
                 )
 
-    @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The conditions that have robots."""
-        return tuple(self.robots)
-
     def cohorts(self) -> list[CohortKey]:
         """Returns all cohorts, those with the longest lives first: processes then end together."""
         keys = [

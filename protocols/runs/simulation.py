@@ -108,7 +108,7 @@ def check_device(plan: Plan) -> None:
             raise InputError(missing_extra(ModuleNotFoundError(name=module)))
     if not plan.experiment.on_tensors:
         return
-    if others := [condition.proposer for condition in plan.conditions if not condition.has_brain]:
+    if others := [condition.proposer for condition in plan.robots if not condition.has_brain]:
         where = "in MuJoCo Warp" if warp else f"on {device}"
         raise InputError(f"only robots with a brain are simulated {where}, not {others[0]}")
     if device == HOST:
@@ -140,7 +140,7 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
     experiment = plan.experiment
     settings = settings_from(experiment.settings, several=True)
     differ = any(len(values) > 1 for values in settings.values())  # the robots of a tuning
-    for condition in plan.conditions:
+    for condition in plan.robots:
         if condition.has_brain:
             continue
         proposer = condition.proposer
@@ -251,7 +251,8 @@ class UnfinishedRun:
         experiment = self.plan.experiment
         steps = experiment.life_of(condition.task).steps_of_minutes()
         done = [lives for key, lives in self.lives.items() if key.condition == condition]
-        done += [lives for one, lives in self.measured.items() if one == condition]
+        if held := self.measured.get(condition):
+            done.append(held)
         counts = [lives.minutes[lives.valid] for lives in done]
         for key in [key for key in self.left if key.condition == condition]:
             counts.append(read_minutes(self.directory, experiment, key))

@@ -12,7 +12,7 @@ from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.config import named_brain, read_config, read_life, values_of
-from musebot.protocols.runs.experiment import Experiment, brain_name, changed, overrides_of
+from musebot.protocols.runs.experiment import Experiment, changed, overrides_of
 
 EXAMPLE = """
 experiment.seed = 7
@@ -36,11 +36,11 @@ def with_overrides(numbers, words):
 
 def test_a_named_brain_is_found_by_its_name_and_named_by_it():
     for name, brain in BRAINS.items():
-        assert named_brain(name) == brain and brain_name(brain) == name
+        assert named_brain(name) == brain and Experiment(brain=brain).brain_name == name
         words = overrides_of(brain, Parameters())
         assert with_overrides(Parameters(), words) == brain and overrides_of(brain, brain) == []
     brain = dataclasses.replace(BRAINS["steady"], discount=0.8, keep_main_idea=True)
-    assert brain_name(brain) == "steady discount=0.8 keep_main_idea=true"
+    assert Experiment(brain=brain).brain_name == "steady discount=0.8 keep_main_idea=true"
 
 
 def test_overrides_replace_the_named_parameters_only():
@@ -112,7 +112,7 @@ WRONG = {
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
     'plan = [{task = [1], proposer = "fixed", robots = 1}]': "must be texts, got ((1,), 'fixed')",
     f"plan = [{ROW}, {ROW}]": "a/b is planned twice",
-    f"plan = [{ROW.replace('1', '60.5')}]": "robots must be a whole number from 1 to 1000000, got 60",
+    f"plan = [{ROW.replace('1', '60.5')}]": "robots must be a whole number from 1 to ",
     f"plan = [{ROW.replace('= 1', '= true')}]": "robots must be a whole number from 1 to ",
     '{"experiment": {"seed": 1, "seed": 2}}': "'seed' is given twice",
 }
