@@ -18,7 +18,7 @@ from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..runs.conditions import Condition
 from ..runs.experiment import Experiment, differing
 from ..runs.learn_ability import CATEGORIES, total_variation
-from ..runs.run import FEW, Run
+from ..runs.run import FEWEST_COMPARED, Run
 from . import markdown as md
 
 VARIATION = "total variation"
@@ -29,8 +29,8 @@ _OF_PAPER = (
     "two groups of these sizes exceed with a probability of 5 % if their robots do not differ."
 )
 _TOO_FEW = (
-    f"A condition has fewer than {FEW} robots: nothing is tested or compared with the paper, and "
-    "numbers have at most two digits."
+    f"A condition has fewer than {FEWEST_COMPARED} robots: nothing is tested or compared with the "
+    "paper, and numbers have at most two digits."
 )
 _JOINT = (
     "Joint test that all columns of a table have the paper's shares of classes (sum of "
