@@ -13,7 +13,9 @@ _EXTRAS = {
     "brain": "PIL imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy torch",
     "cluster": "ray",
     "gym": "gymnasium moviepy",
+    "numba": "numba",
     "tensorboard": "tensorboard",
+    "warp": "mujoco_warp warp",
 }
 
 
@@ -36,11 +38,8 @@ class Interrupted(Exception):
 def check_name(what: str, name: object, known: Iterable[str]) -> None:
     """Raises InputError unless a name is in `known`; `what`, such as "task", says what it names."""
     names = [*known]
-    if name in names:
-        return
-    if isinstance(name, str) and (question := similar(name, names)):
-        raise InputError(f"there is no {what} {name!r:.60}; {question}")
-    raise InputError(f"the {what} must be one of {', '.join(names)}, got {name!r:.60}")
+    if name not in names:
+        raise InputError(f"there is no {what} {name!r:.60}; {nearest(str(name), names)}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import os
 import sys
 from pathlib import Path
 
 
 def cores() -> int:
-    """Returns the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    """Returns the number of cores that this process may use; part of one counts as one."""
+    count = len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
+    with contextlib.suppress(OSError, ValueError):  # no such container, or "max"
+        quota, period = map(int, Path("/sys/fs/cgroup", "cpu.max").read_text().split())
+        count = min(count, math.ceil(quota / period))
+    return count
 
 
 def machine_bytes() -> int:

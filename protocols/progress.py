@@ -60,7 +60,7 @@ class JobProgress:
         Args:
           what: Description of the jobs, shown next to the progress.
           costs: Cost of each job: simulated seconds, added up over its robots.
-          quiet: Whether to hide the progress.
+          quiet: Whether to hide the progress; messages are shown.
           robots: Number of robots in each job. If given, progress lines count robots, else jobs.
           watcher: Function without arguments, called at the end of every call of `show`.
         """
@@ -99,7 +99,7 @@ class JobProgress:
 
     def tell(self, sentence: str) -> None:
         """Prints a message, above the bar if there is one."""
-        if self._lines:
+        if self._progress.disable:
             say_if_possible(sentence)
         else:
             self._progress.console.print(Text(printable(sentence), "yellow"))

@@ -126,7 +126,7 @@ def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
 def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(proposer, task):
     key = CohortKey(Condition(task, proposer), 0)
     one, other = (Cohort(dataclasses.replace(LONG, cohort_size=40), key) for _ in range(2))
-    other._fused = None
+    other._compiled = None
     for cohort in (one, other):
         cohort.advance(40)
     np.testing.assert_allclose(one.batch.pose, other.batch.pose, atol=1e-4)
@@ -197,10 +197,10 @@ def test_without_numba_and_with_another_version_of_it_nothing_is_simulated(tmp_p
     manifest.write_manifest(tmp_path, plan)
     manifest.check_physics(tmp_path)
     with monkeypatch.context() as patch:
-        machine = manifest.machine()
-        patch.setattr(manifest, "machine", lambda: machine | {"numba": "0.1"})
+        ours = manifest.made_with()
+        patch.setattr(manifest, "made_with", lambda: ours | {"numba": "0.1"})
         with pytest.raises(InputError, match="another version of Numba"):
             manifest.check_physics(tmp_path)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(InputError, match=r"^Numba is not installed; pip install 'musebot"):
+    with pytest.raises(InputError, match=r"^numba is not installed; pip install 'musebot"):
         check_device(plan)

@@ -17,8 +17,7 @@ from musebot.protocols.cli.run import Run
 from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.config import named_brain, read_config, read_life, values_of
-from musebot.protocols.runs.experiment import Experiment
-from musebot.protocols.runs.plan import changed
+from musebot.protocols.runs.experiment import Experiment, changed
 from musebot.tasks.lives import CHANGING
 
 ROOT = Path(__file__).parents[1]

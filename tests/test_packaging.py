@@ -109,8 +109,8 @@ def test_extras_hold_what_users_need_the_light_ones_no_torch_and_pins_are_given_
 
 
 def test_a_missing_requirement_is_a_sentence_that_names_its_extra():
-    modules = {"pillow": "PIL", "markdown-it-py": "markdown_it"}
-    for extra in ("brain", "gym", "cluster", "baselines", "tensorboard"):
+    modules = {"pillow": "PIL", "markdown-it-py": "markdown_it", "warp-lang": "warp"}
+    for extra in ("brain", "gym", "cluster", "baselines", "tensorboard", "numba", "warp"):
         for name in requirements(extra):
             module = modules.get(name, name.replace("-", "_"))
             error = ModuleNotFoundError(f"No module named {module!r}", name=f"{module}.part")

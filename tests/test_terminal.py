@@ -2,6 +2,7 @@
 
 import errno
 import io
+import os
 import queue
 
 import pytest
@@ -93,16 +94,22 @@ def test_bars_are_drawn_on_terminals_only(monkeypatch):
         assert (r"[red]steps\n" in stream.getvalue()) == bars
 
 
-class Full(io.StringIO):
-    """A stream on a full disk."""
+class Failing(io.StringIO):
+    """A stream on a full disk, or without a reader."""
+
+    def __init__(self, number):
+        super().__init__()
+        self.number = number
 
     def write(self, text):
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise OSError(self.number, os.strerror(self.number))  # a BrokenPipeError where it is EPIPE
 
 
-def test_a_full_disk_under_stderr_stops_no_work(monkeypatch):
-    monkeypatch.setattr("sys.stderr", Full())
-    with JobProgress("jobs", [1.0]) as progress:
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EPIPE])
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_failing_stderr_stops_no_work(number, quiet, monkeypatch):
+    monkeypatch.setattr("sys.stderr", Failing(number))
+    with JobProgress("jobs", [1.0], quiet) as progress:
         progress.tell("a message")
         progress.show(queue.Queue())
     assert exit_status(lambda: notice("unheard"), check=False) == 0

@@ -14,7 +14,7 @@ import numpy as np
 from ...tasks.lives import Life, control_steps
 from ..runs.conditions import Condition
 from ..runs.run import Run
-from .intervals import FEWEST, UNKNOWN, Interval
+from .intervals import FEWEST_RESAMPLED, UNKNOWN, Interval
 
 FAILED = 0.1
 """Online score below which a life has failed."""
@@ -110,10 +110,10 @@ class Adaptation:
 
         The interval is that of a percentile bootstrap over old robots, which are also the newborns
         of the first world, and over the newborns of each other world. It is unknown for fewer
-        newborns of a world than `FEWEST`.
+        newborns of a world than `FEWEST_RESAMPLED`.
         """
         mean = float(self.relative_recovery(newborns)[-returns:].mean())
-        if min(map(len, newborns)) < FEWEST:
+        if min(map(len, newborns)) < FEWEST_RESAMPLED:
             return mean, UNKNOWN
         random, draws = np.random.default_rng(1), 4999
 

@@ -83,14 +83,14 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
     the robot moves more than 2 cm. It spins inside if it spins and its nose stays in the spot.
     `spot_radius` is in [m].
     """
-    moved, turn = _seconds(track.poses)
+    moved, _ = _seconds(track.poses)
     seconds = len(moved)
     stride = (len(track.poses) - 1) // seconds
     distance = np.linalg.norm(track.nose, axis=-1)[: seconds * stride]
     distance = distance.reshape(seconds, stride, -1)
     near = (distance < spot_radius + RIM).all(axis=1)
     follows = near & (distance > spot_radius - RIM).all(axis=1) & (moved > _STATIONARY)
-    inside = (distance < spot_radius).all(axis=1) & (moved < _STATIONARY) & (turn > _TURNING)
+    inside = (distance < spot_radius).all(axis=1) & spins(track.poses)
     staying = near.mean(axis=0) >= _STAYING
     minutes = [slice(60 * minute, 60 * minute + 60) for minute in range(-(-seconds // 60))]
     there, kinds = near[:, staying], (follows[:, staying], inside[:, staying])

@@ -85,6 +85,7 @@ def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
 
 
 def _newborns(experiment: Experiment, condition: Condition) -> dict[str, np.ndarray]:
+    experiment = dataclasses.replace(experiment, backend="torch")  # Numba's brains are born equal
     seed, _ = random_streams(experiment.seed, CohortKey(condition, 0))
     return make_agent(experiment, condition, experiment.cohort_size, seed).weights()
 

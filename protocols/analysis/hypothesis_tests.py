@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from .intervals import FEWEST
+from .intervals import FEWEST_RESAMPLED
 
 ALPHA = 0.05
 """Level of all tests: below this p-value, corrected where there are several, one is significant."""
@@ -18,7 +18,7 @@ _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values
 _SEED = 1  # equal data give bit-exact equal p-values
 _JOINT_DRAWS = 9999
 DRAWS = 100_000  # of permutations, at most
-_BLOCK, _ENOUGH = 2_000, 2_000  # of permutations; see `same_mean`
+_BLOCK, _ENOUGH_EXTREME = 2_000, 2_000  # of permutations; see `same_mean`
 
 
 class Share(NamedTuple):
@@ -98,7 +98,7 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
     The margin may be negative.
     """
     name = "Welch's t test"
-    if (fewest := min(first.size, second.size)) < FEWEST:
+    if (fewest := min(first.size, second.size)) < FEWEST_RESAMPLED:
         return _untested(f"{words}: {fewest} measured robots are too few", name)
     if max(first.deviation, second.deviation) < _NO_SCATTER:
         return _untested(f"{words}: all values are equal", name)
@@ -110,7 +110,7 @@ def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> Tested
     """Tests by Wilcoxon's signed-rank test whether n robots' first values exceed their second."""
     name, differences = "Wilcoxon's signed-rank test", first - second
     differences = differences[differences != 0]
-    if len(differences) < FEWEST:
+    if len(differences) < FEWEST_RESAMPLED:
         return _untested(f"{words}: too few robots", name)
     return _both_ways(words, name, stats.wilcoxon, differences)
 
@@ -181,9 +181,9 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = 
     (Janssen, Statistics and Probability Letters 36, 1997; Chung and Romano, Annals of Statistics
     41, 2013).
 
-    Permutations are drawn until `_ENOUGH` of them are as extreme as the data: then the random error
-    of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). If `draws` end first, p rests on
-    fewer: on about 100 extreme permutations for p = 100 / `draws`.
+    Permutations are drawn until `_ENOUGH_EXTREME` of them are as extreme as the data: then the
+    random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). If `draws` end first,
+    p rests on fewer: on about 100 extreme permutations for p = 100 / `draws`.
 
     Args:
       first: Values of the first group, shape (n,).
@@ -192,16 +192,16 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = 
       draws: Largest number of permutations, a multiple of `_BLOCK`.
 
     Returns:
-      The p-value, at least 1 / (`draws` + 1); NaN where a group has fewer than `FEWEST` values.
+      The p-value, at least 1 / (`draws` + 1); NaN for a group of fewer than `FEWEST_RESAMPLED`.
     """
-    if min(len(first), len(second)) < FEWEST:
+    if min(len(first), len(second)) < FEWEST_RESAMPLED:
         return float("nan")
     random = np.random.default_rng(_SEED)
     permuted = _swapped if paired else _dealt
     observed = abs((first - second).mean()) if paired else _welch(first, second)
     least = observed * (1 - 1e-9)  # equal but for rounding errors counts as equal
     drawn = extreme = 0
-    while drawn < draws and extreme < _ENOUGH:
+    while drawn < draws and extreme < _ENOUGH_EXTREME:
         extreme += int((permuted(first, second, random) >= least).sum())
         drawn += _BLOCK
     return (extreme + 1) / (drawn + 1)
@@ -214,7 +214,7 @@ def same_deviation(
 
     This is `same_mean` of the values' squared distances from their group's mean.
     """
-    if min(len(first), len(second)) < FEWEST:
+    if min(len(first), len(second)) < FEWEST_RESAMPLED:
         return float("nan")
     squares = [(values - values.mean()) ** 2 for values in (first, second)]
     return same_mean(squares[0], squares[1], paired, draws)

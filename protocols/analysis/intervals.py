@@ -30,9 +30,9 @@ SHARE = (0.0, 1.0)
 ABILITY = (-1.0, 1.0)
 """Range of the Learn Ability L."""
 
-FEWEST = 5  # smallest number of robots for which a bootstrap or a test of means is meaningful
+FEWEST_RESAMPLED = 5  # robots for which a bootstrap or a test of means is meaningful
 
-_ENOUGH = 5  # the usual bound of n p and n (1 - p), from which a share is about normal
+_NEAR_AN_END = 5  # the usual bound of n p and n (1 - p), from which a share is about normal
 _RESAMPLES = 4999
 _DRAWS = 9999  # of Gaffke's bounds; the random error of an end is below 2 % of its distance
 _SEED = 1  # equal data give bit-exact equal intervals
@@ -53,10 +53,11 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
-    It is unknown for fewer robots than `FEWEST`, and for equal values not near an end of `span`.
+    It is unknown for fewer robots than `FEWEST_RESAMPLED`, and for equal values that are not near
+    an end of `span`.
     """
     values = np.asarray(values, dtype=float)
-    if len(values) >= FEWEST and span and _is_near_an_end(values, span):
+    if len(values) >= FEWEST_RESAMPLED and span and _is_near_an_end(values, span):
         return _gaffke(values, span)
     return _bootstrap(values, np.mean)
 
@@ -69,7 +70,7 @@ def _is_near_an_end(values: np.ndarray, span: Interval) -> bool:
     """
     low, high = span
     share = (values.mean() - low) / (high - low)
-    return len(values) * min(share, 1 - share) < _ENOUGH
+    return len(values) * min(share, 1 - share) < _NEAR_AN_END
 
 
 def _gaffke(values: np.ndarray, span: Interval) -> Interval:
@@ -94,7 +95,7 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
 def deviation(values: np.ndarray) -> Interval:
     """Returns the BCa bootstrap interval of the standard deviation of n values, shape (n,).
 
-    It is unknown for fewer robots than `FEWEST`, or if all values are equal.
+    It is unknown for fewer robots than `FEWEST_RESAMPLED`, or if all values are equal.
     """
     return _bootstrap(values, functools.partial(np.std, ddof=1))
 
@@ -190,11 +191,11 @@ def difference_of_means(
 
     Returns:
       Interval of the first mean minus the second. It is unknown if a group has fewer values than
-      `FEWEST`, if one mean is near an end of `span` and the other group's values are all equal
-      but not near one, or if no resample differs from another.
+      `FEWEST_RESAMPLED`, if one mean is near an end of `span` and the other group's values are all
+      equal but not near one, or if no resample differs from another.
     """
     measured = first[~np.isnan(first)], second[~np.isnan(second)]
-    enough = min(map(len, measured)) >= FEWEST
+    enough = min(map(len, measured)) >= FEWEST_RESAMPLED
     if enough and any(_is_near_an_end(values, span) for values in measured):
         means = float(measured[0].mean()), float(measured[1].mean())
         return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
@@ -217,9 +218,9 @@ def difference(
 
     Returns:
       Interval of the first statistic minus the second; unknown if a group has fewer values than
-      `FEWEST`, or if a resample consists of NaN only.
+      `FEWEST_RESAMPLED`, or if a resample consists of NaN only.
     """
-    if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST:
+    if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST_RESAMPLED:
         return UNKNOWN
 
     def apart(first: np.ndarray, second: np.ndarray, axis: int) -> np.ndarray:
@@ -231,7 +232,7 @@ def difference(
 def _bootstrap(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> Interval:
     values = np.asarray(values, dtype=float)
     # Resampling equal values shows no spread, which does not mean certainty.
-    if len(values) < FEWEST or np.ptp(values) == 0:
+    if len(values) < FEWEST_RESAMPLED or np.ptp(values) == 0:
         return UNKNOWN
     return _resampled((values,), statistic)
 

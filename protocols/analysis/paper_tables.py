@@ -10,7 +10,6 @@ import numpy as np
 
 from ...tasks.lives import Life
 from ..runs.conditions import Condition
-from ..runs.experiment import Experiment
 from ..runs.learn_ability import CATEGORIES, Summary
 from ..runs.run import Run
 from . import intervals
@@ -54,7 +53,7 @@ def column(run: Run, condition: Condition) -> Column:
     )
 
 
-def paper_column(experiment: Experiment, condition: Condition) -> Column | None:
+def paper_column(condition: Condition) -> Column | None:
     """Returns the paper's column; None for an agent or a life that the paper does not have."""
     summary = PAPER.get(condition)
     if summary is None:

@@ -43,7 +43,7 @@ class Bench:
 
         from ..machine import cores
         from ..runs.local import prepare_process
-        from ..runs.manifest import machine
+        from ..runs.manifest import made_with
         from ..storage import check_place, resolved_file, write_atomically
         from ..terminal import notice
         from . import speed
@@ -60,7 +60,7 @@ class Bench:
             if importlib.util.find_spec("numba"):
                 todo["backends"] = speed.backends(effort)
         prepare_process()
-        about = machine() | {"cores_used": cores(), "quick": self.quick}
+        about = made_with() | {"cores_used": cores(), "quick": self.quick}
         quick = " **Measured with --quick: too short to be quoted.**" if self.quick else ""
         cells = [(_words(name), str(value)) for name, value in about.items()]
         _show("machine", [("", "value"), *cells], quick)

@@ -138,16 +138,20 @@ class Run:
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
         """Returns the plan; a value is from the command, or else the file, OUT or the defaults."""
-        from ..runs.experiment import Experiment
+        from ..runs.experiment import Experiment, changed
         from ..runs.manifest import check_identity
-        from ..runs.plan import Plan, changed, check_robots, default_cohort_size
+        from ..runs.plan import Plan, check_robots, default_cohort_size
 
         if self.robots is not None:
             check_robots(self.robots)
         base = held.experiment if held else Experiment()
         values = dict(config.values) | self._values(base)
         lives = self._lives(values)
-        experiment = changed(base, values)
+        try:
+            experiment = changed(base, values)
+        except InputError as error:
+            source = f"with {self.config}: " if self.config else ""
+            raise InputError(f"{source}{error}") from error
         robots = self._robots(rows, held.robots if held else {}, lives)
         if held:
             check_identity(self.out, vars(held.experiment), vars(experiment))
@@ -177,7 +181,7 @@ class Run:
         return names
 
     def _values(self, base: Experiment) -> dict[str, Any]:
-        """Returns the values that the command gives, as `plan.changed` takes them."""
+        """Returns the values that the command gives, as `experiment.changed` takes them."""
         from ...controller import Parameters
         from ...models import Kinematics
         from ..agents.settings import settings_from

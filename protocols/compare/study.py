@@ -19,7 +19,7 @@ from ..errors import DamagedFileError, InputError
 from ..pages import style
 from ..runs.experiment import Experiment
 from ..runs.jobs import Executor, Job, execute
-from ..runs.manifest import UNREADABLE, check_identity, is_physics_of, machine, physics_probe
+from ..runs.manifest import UNREADABLE, check_identity, is_physics_of, made_with, physics_probe
 from ..runs.plan import Plan
 from ..runs.run_files import planned
 from ..runs.simulation import UnfinishedRun
@@ -134,14 +134,14 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
         execute(f"{study.name}: {len(left)} jobs", left, executor, finished)
 
     with locked(out):
-        made_with = _check(study, identity, out)  # another command may have come before
+        earlier = _check(study, identity, out)  # another command may have come before
         remove_drafts(out)
         probed = study.experiment()
         content = {
             "study": study.name,
             "identity": identity,
             "physics": physics_probe(probed.body, probed.kinematics),
-            "made_with": [*(one for one in made_with if one != machine()), machine()],
+            "made_with": [*(one for one in earlier if one != made_with()), made_with()],
         }
         # First: a folder that is not empty is continued only if it says which study it holds.
         write_json(out / STUDY_FILE, content)

@@ -111,7 +111,7 @@ def categories(run: Run) -> Figure | None:
             continue
         own = bars.setdefault(condition.task, [])
         own.append((condition.proposer, "here", run.summary(condition)))
-        if not run.few and (paper := paper_column(run.experiment, condition)):
+        if not run.few and (paper := paper_column(condition)):
             own.append((condition.proposer, "paper", paper.summary))
     if not bars:
         return None

@@ -27,7 +27,7 @@ from ..agents.names import recorded_name, short_name
 from ..analysis.behaviour import Track
 from ..errors import InputError, check_name
 from ..progress import tracked
-from ..runs.cohort import Cohort, fused_life, make_agent
+from ..runs.cohort import Cohort, compiled_life, make_agent
 from ..runs.conditions import CohortKey, Condition
 from ..runs.device import decide
 from ..runs.experiment import Experiment
@@ -383,7 +383,7 @@ def watch(
     events = np.empty((steps, batch.robots), dtype=bool)
     nose = np.empty((steps, batch.robots, 2), dtype=np.float32)
     poses[0] = batch.pose
-    life, counts = fused_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
+    life, counts = compiled_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
     for step in tracked(range(steps), f"observing {what}"):
         if life is not None:
             life(1, learning, counts)

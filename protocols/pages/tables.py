@@ -18,7 +18,7 @@ from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..runs.conditions import Condition
 from ..runs.experiment import Experiment, differing
 from ..runs.learn_ability import CATEGORIES, total_variation
-from ..runs.run import FEW, Run
+from ..runs.run import FEWEST_COMPARED, Run
 from . import markdown as md
 
 VARIATION = "total variation"
@@ -29,8 +29,8 @@ _OF_PAPER = (
     "two groups of these sizes exceed with a probability of 5 % if their robots do not differ."
 )
 _TOO_FEW = (
-    f"A condition has fewer than {FEW} robots: nothing is tested or compared with the paper, and "
-    "numbers have at most two digits."
+    f"A condition has fewer than {FEWEST_COMPARED} robots: nothing is tested or compared with the "
+    "paper, and numbers have at most two digits."
 )
 _JOINT = (
     "Joint test that all columns of a table have the paper's shares of classes (sum of "
@@ -95,7 +95,7 @@ def _form(run: Run, usual: str) -> str:
 
 def _columns(run: Run, condition: Condition) -> list[list[str]]:
     """Returns a condition's column, head and cells, and the paper's column if there is one."""
-    ours, paper = column(run, condition), paper_column(run.experiment, condition)
+    ours, paper = column(run, condition), paper_column(condition)
     name = short_name(condition.proposer)
     if run.few:
         return [[name, *_cells(ours, ".2g", ".2g")]]
@@ -134,7 +134,7 @@ def _joint_tests(run: Run) -> dict[str, float]:
     """Returns p of a joint test of each table, and of both; empty without columns of the paper."""
     found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
     for condition in run.conditions():
-        ours, paper = run.summary(condition), paper_column(run.experiment, condition)
+        ours, paper = run.summary(condition), paper_column(condition)
         if paper and ours.robots:
             counts = ours.counts, paper.summary.counts
             title = run.experiment.life_of(condition.task).title.lower()
@@ -152,7 +152,7 @@ def as_json(run: Run) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for condition in run.conditions():
         ours = column(run, condition)
-        paper = None if run.few else paper_column(run.experiment, condition)
+        paper = None if run.few else paper_column(condition)
         entry = {"ours": _plain(ours), "paper": _plain(paper) if paper else None}
         if not run.experiment.life_of(condition.task).tested:
             shares, invalid = run.life_shares(condition), ours.summary.invalid

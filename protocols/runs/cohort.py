@@ -12,6 +12,7 @@ import numpy as np
 from ...controller.neurocontroller import Neurocontroller
 from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
+from ...tasks.kinematic import KinematicBatch
 from ...tasks.lives import STAGES, Leg, Phase, control_steps, place
 from ...tasks.world import World
 from ..agents.base import Agent, Recorder, sound
@@ -19,8 +20,8 @@ from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
-from ..agents.signals import RawSignals, raw_senses, senses_of
 from ..agents.settings import checked_settings, settings_from
+from ..agents.signals import RawSignals, raw_senses, senses_of
 from ..errors import InputError
 from ..storage import DTYPES, Shapes
 from .conditions import CohortKey, Condition
@@ -85,7 +86,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     return RawSignals(senses, agent) if raw else agent
 
 
-def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
+def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
     """Returns a function that simulates control steps of a compiled brain in one loop, or None.
 
     The function takes a number of steps, whether robots learn, and counts to which it adds events.
@@ -94,9 +95,11 @@ def fused_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] 
     # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
-    from .compiled_life import compiled_life
+    from .compiled_life import CompiledLife, compilable
 
-    return compiled_life(agent.controller, batch)
+    if type(batch) is KinematicBatch and compilable(batch):
+        return CompiledLife(agent.controller, batch)
+    return None
 
 
 class Cohort:
@@ -134,7 +137,7 @@ class Cohort:
             self.decide, self._count_events = captured.decide, captured.count
         life = experiment.life_of(task)
         alone = life.worlds == (World(),)
-        self._fused = fused_life(self.agent, self.batch) if alone else None
+        self._compiled = compiled_life(self.agent, self.batch) if alone else None
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = life.legs()
         self.step, self._entered = 0, -1  # steps so far; that of the last placement
@@ -171,7 +174,7 @@ class Cohort:
 
     def recorded(self) -> Recorder:
         """Simulates step by step from now on; returns the recorder of the robots' motor values."""
-        self._fused = None
+        self._compiled = None
         recorder = self.agent = Recorder(self.agent)
         self.decide = functools.partial(decide, recorder, self.batch)
         return recorder
@@ -189,9 +192,9 @@ class Cohort:
 
     def simulate(self, steps: int, learning: bool) -> bool:
         """Simulates and counts control steps in one loop; returns False if there is none."""
-        if self._fused is None:
+        if self._compiled is None:
             return False
-        self._fused(steps, learning, self._counts)
+        self._compiled(steps, learning, self._counts)
         self.step += steps
         return True
 

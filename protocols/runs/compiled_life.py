@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from ... import compiled_equations as equations
-from ...controller import Neurocontroller
 from ...controller.compiled import CompiledNeurocontroller
-from ...tasks.batch import Robots
 from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
@@ -22,9 +20,9 @@ _BLOCK = 500_000  # actions whose random numbers are drawn at once: they fit a c
 class CompiledLife:
     """Simulates control steps of brains and their robots in one compiled loop."""
 
-    def __init__(self, brain: CompiledNeurocontroller, batch: KinematicBatch) -> None:
-        """Takes brains, and robots that are `compilable`."""
-        self._brain = brain
+    def __init__(self, brain: Any, batch: KinematicBatch) -> None:
+        """Takes a `CompiledNeurocontroller`, and robots that are `compilable`."""
+        self._brain: CompiledNeurocontroller = brain
         names = ("poses", "wheels", "touch", "spots", "sensordata", "valid")
         self._robots = tuple(batch.arrays()[name] for name in names)
         self._world = world_of(batch)
@@ -39,13 +37,6 @@ class CompiledLife:
             draws = brain.draw(begun, learning)
             equations.simulate(self._world, self._robots, parts, draws, learning, counts)
             steps -= begun
-
-
-def compiled_life(brain: Neurocontroller, batch: Robots) -> CompiledLife | None:
-    """Returns a cohort's control steps as one loop; None if that loop cannot compute them."""
-    if isinstance(brain, CompiledNeurocontroller) and type(batch) is KinematicBatch:
-        return CompiledLife(brain, batch) if compilable(batch) else None
-    return None
 
 
 def compilable(batch: KinematicBatch) -> bool:

@@ -14,8 +14,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from ...controller.presets import BRAINS
 from ...controller.parameters import Parameters
+from ...controller.presets import BRAINS
 from ...fields import shown
 from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
@@ -23,7 +23,8 @@ from ...tasks.suite import TASKS, task_definition
 from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
 from .experiment import Experiment
-from .plan import changed
+from .manifest import VALUES
+from .plan import check_robots
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
@@ -45,8 +46,6 @@ READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     }
 )
 
-# What a run's manifest holds; only the first two are read.
-_SECTIONS = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _ROW = ("task", "proposer", "robots")
 
 
@@ -84,8 +83,7 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
         name, given, value = word.partition("=")
         if not given:
             raise InputError(f"a value is set as NAME=VALUE, got {shown(word)}")
-        if name not in names:
-            raise InputError(f"there is no parameter {shown(name)}; {nearest(name, names)}")
+        check_name("parameter", name, names)
         if name in values:
             raise InputError(f"{name} is given twice")
         values[name] = _value(value)
@@ -131,7 +129,8 @@ def read_config(path: Path) -> Config:
     """Reads a file with the sections `experiment` and `plan` of a run's `experiment.json`.
 
     Every field may be left out. `brain` is the name of a brain, or parameters that differ from the
-    paper's brain. If these contain a `name`, they differ from the brain of this name instead.
+    paper's brain. If these contain a `name`, they differ from the brain of this name instead. Other
+    fields are checked by `experiment.changed`: the command may override them.
 
     Args:
       path: File to read: JSON if it ends in .json, otherwise TOML.
@@ -143,14 +142,13 @@ def read_config(path: Path) -> Config:
         text = read_whole(path)
         is_json = path.suffix.lower() == ".json"
         content = parsed(path, text) if is_json else tomllib.loads(text.decode())
-    except FileNotFoundError as error:
+    except OSError as error:
         raise InputError(str(error)) from error
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path} cannot be read ({' '.join(str(error).split())})") from error
     try:
-        content = _checked(content, _SECTIONS, "the file")
+        content = _checked(content, VALUES, "the file")
         values = _values(content.get("experiment", {}))
-        changed(Experiment(), values)  # refuses what is invalid
         return Config(values, _robots(content.get("plan", ())))
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
@@ -165,7 +163,7 @@ def read_life(path: Path) -> Life:
     """
     try:
         return _own_life(tomllib.loads(read_whole(path).decode()))
-    except FileNotFoundError as error:
+    except OSError as error:
         raise InputError(str(error)) from error
     except (InputError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
@@ -212,6 +210,7 @@ def _robots(rows: Any) -> dict[tuple[str, str], int]:
             raise InputError(f"task and proposer must be texts, got {shown(pair)}")
         if pair in robots:
             raise InputError(f"{'/'.join(pair)} is planned twice")
+        check_robots(own["robots"])
         robots[pair] = own["robots"]
     return robots
 

@@ -15,7 +15,7 @@ from ...models.arrays import namespace
 from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.tensors import capture
-from ...tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
+from ...tasks.tensors.robots import KinematicTensors, Part, parts
 from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from .experiment import Experiment
@@ -37,18 +37,14 @@ def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> lis
     if not experiment.on_tensors:
         return [batch]
     with device_of(experiment):
-        tensors = on_tensors(batch)
+        if isinstance(batch, KinematicBatch):
+            tensors = KinematicTensors(batch)
+        else:
+            from ...tasks.tensors.warp import WarpTensors
+
+            assert isinstance(batch, Batch)
+            tensors = WarpTensors(batch)
     return [tensors] if cohorts == 1 else [*parts(tensors, cohorts)]
-
-
-def on_tensors(batch: Robots) -> TensorRobots:
-    """Returns a batch's robots as tensors on the default device; MuJoCo's are simulated in Warp."""
-    if isinstance(batch, KinematicBatch):
-        return KinematicTensors(batch)
-    from ...tasks.tensors.warp import WarpTensors
-
-    assert isinstance(batch, Batch)
-    return WarpTensors(batch)
 
 
 def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:

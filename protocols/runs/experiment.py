@@ -7,8 +7,8 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal, get_args
 
-from ...controller.presets import BRAINS
 from ...controller.parameters import Parameters
+from ...controller.presets import BRAINS
 from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, centre_nose, scale_torque
 from ...models.arena import FASTEST
@@ -132,7 +132,9 @@ class Experiment:
     @property
     def brain_name(self) -> str:
         """Name of the nearest named brain, with the overrides that turn it into this brain."""
-        return brain_name(self.brain)
+        overrides = {name: overrides_of(self.brain, named) for name, named in BRAINS.items()}
+        closest = min(overrides, key=lambda name: len(overrides[name]))
+        return " ".join([closest, *overrides[closest]])
 
     @property
     def rehearsal(self) -> str:
@@ -173,11 +175,24 @@ class Experiment:
         return make_batch(task, robots, **shared)
 
 
-def brain_name(brain: Parameters) -> str:
-    """Returns the name of the nearest named brain, with the overrides that turn it into `brain`."""
-    overrides = {name: overrides_of(brain, named) for name, named in BRAINS.items()}
-    closest = min(overrides, key=lambda name: len(overrides[name]))
-    return " ".join([closest, *overrides[closest]])
+def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
+    """Returns an experiment with other values of some fields, such as "seed" or "brain.epsilon".
+
+    Raises:
+      InputError: a value is invalid.
+    """
+    fields = {name: value for name, value in values.items() if "." not in name}
+    inner: dict[str, dict[str, Any]] = {}
+    for name, value in values.items():
+        part, dotted, own = name.partition(".")
+        if dotted:
+            inner.setdefault(part, {})[own] = value
+    try:
+        for part, own in inner.items():
+            fields[part] = dataclasses.replace(fields.get(part, getattr(experiment, part)), **own)
+        return dataclasses.replace(experiment, **fields)
+    except ValueError as error:
+        raise InputError(str(error)) from error
 
 
 def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinematics) -> list[str]:

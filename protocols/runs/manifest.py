@@ -31,7 +31,7 @@ from .plan import Plan
 MANIFEST = "experiment.json"
 FORMAT = 1
 _LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
-_VALUES = {"format", "experiment", "plan", "physics", "made_with", "digest"}
+VALUES = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _WARP = ("mujoco-warp", "warp-lang")
 # The packages that compute.
 _PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", "numba", *_WARP, "cmaes")
@@ -47,9 +47,9 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     Versions in an existing file are kept if the run has `begun`: they have simulated robots.
     """
     path = directory / MANIFEST
-    made_with: list[Any] = []
+    earlier: list[Any] = []
     if begun and path.exists():
-        made_with = [one for one in read_json(path)["made_with"] if one != machine()]
+        earlier = [one for one in read_json(path)["made_with"] if one != made_with()]
     experiment = plan.experiment
     robots = sorted(plan.robots.items())  # a run that was continued has them in this order
     content = {
@@ -57,7 +57,7 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
         "experiment": dataclasses.asdict(experiment),
         "plan": [{**dataclasses.asdict(condition), "robots": n} for condition, n in robots],
         "physics": physics_probe(experiment.body, experiment.kinematics),
-        "made_with": [*made_with, machine()],
+        "made_with": [*earlier, made_with()],
     }
     write_json(path, content)
 
@@ -77,8 +77,8 @@ def read_manifest(directory: Path) -> Plan:
             "is the last that reads runs without a format"
         )
     try:
-        if {*content} != _VALUES:
-            raise ValueError(f"it must have {', '.join(sorted(_VALUES))}")
+        if {*content} != {*VALUES}:
+            raise ValueError(f"it must have {', '.join(VALUES)}")
         rows = [(Condition(r["task"], r["proposer"]), r["robots"]) for r in content["plan"]]
         if len(robots := dict(rows)) < len(rows):
             raise ValueError("a condition is planned twice")
@@ -151,7 +151,7 @@ def same_physics(directory: Path) -> bool:
     packages = _WARP if experiment.physics == "warp" else ()
     packages += ("numba",) if experiment.backend == "numba" else ()
     if packages:
-        versions = [[m.get(n) for n in packages] for m in (machine(), *content["made_with"])]
+        versions = [[m.get(n) for n in packages] for m in (made_with(), *content["made_with"])]
         if any(one != versions[0] for one in versions):
             return False
     return is_physics_of(content["physics"], experiment)
@@ -192,7 +192,7 @@ def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
 # ---- Versions ----
 
 
-def machine() -> dict[str, Any]:
+def made_with() -> dict[str, Any]:
     """Returns the versions, the processor and the system of this process, for JSON."""
     versions = {}
     for name in _PACKAGES:

@@ -63,11 +63,6 @@ class Plan:
                     "(--set cohort_size=N sets it for a new folder)"
                 )
 
-    @property
-    def conditions(self) -> tuple[Condition, ...]:
-        """The conditions that have robots."""
-        return tuple(self.robots)
-
     def cohorts(self) -> list[CohortKey]:
         """Returns all cohorts, those with the longest lives first: processes then end together."""
         keys = [
@@ -116,26 +111,6 @@ def default_cohort_size(*robots: int, most: int = 250) -> int:
             f"most {most}; take {better}, or name a cohort size"
         )
     return size
-
-
-def changed(experiment: Experiment, values: Mapping[str, Any]) -> Experiment:
-    """Returns an experiment with other values of some fields, such as "seed" or "brain.epsilon".
-
-    Raises:
-      InputError: a value is invalid.
-    """
-    fields = {name: value for name, value in values.items() if "." not in name}
-    inner: dict[str, dict[str, Any]] = {}
-    for name, value in values.items():
-        part, dotted, own = name.partition(".")
-        if dotted:
-            inner.setdefault(part, {})[own] = value
-    try:
-        for part, own in inner.items():
-            fields[part] = dataclasses.replace(fields.get(part, getattr(experiment, part)), **own)
-        return dataclasses.replace(experiment, **fields)
-    except ValueError as error:
-        raise InputError(str(error)) from error
 
 
 # ---- Memory ----

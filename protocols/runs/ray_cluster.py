@@ -10,7 +10,7 @@ import re
 import socket
 from collections.abc import Generator, Iterable, Sequence
 
-from ..errors import InputError, Interrupted, RunError
+from ..errors import InputError, Interrupted, RunError, missing_extra
 from ..progress import JobProgress
 from ..storage import draft_name, remove_files, write_text
 from .jobs import Job, run_job, stopped_by
@@ -22,7 +22,7 @@ try:
     from ray.util.queue import Queue
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 except ImportError as error:
-    raise InputError("Ray is not installed; pip install 'musebot[cluster]' gets it") from error
+    raise InputError(missing_extra(error)) from error
 
 # Other values make Ray start a cluster of its own, which every machine of the network can reach.
 _ADDRESS = re.compile(r"(?:ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):(\d{1,5})")

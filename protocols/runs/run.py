@@ -232,7 +232,7 @@ class ConditionResults:
         return cls(robots, curves, {"before": lives.before, "after": lives.after})
 
 
-FEW = 20  # robots; with fewer in a condition, nothing is tested or compared with the paper
+FEWEST_COMPARED = 20  # robots of a condition that is tested and compared with the paper
 
 Results = Mapping[Condition, ConditionResults]
 """The results of each condition, in the order of the tables."""
@@ -266,8 +266,8 @@ class Run:
 
     @property
     def few(self) -> bool:
-        """Whether a condition has fewer than `FEW` robots."""
-        return any(len(part.robots) < FEW for part in self.results.values())
+        """Whether a condition has fewer than `FEWEST_COMPARED` robots."""
+        return any(len(part.robots) < FEWEST_COMPARED for part in self.results.values())
 
     def tasks(self) -> list[str]:
         """Returns the tasks that have robots, in the order of the tables."""

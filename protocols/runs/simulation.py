@@ -16,7 +16,7 @@ from ..agents.base import Agent
 from ..agents.factory import check_trusted
 from ..agents.names import TRAINED_BEFORE, is_own, short_name
 from ..agents.settings import settings_from
-from ..errors import DamagedFileError, InputError, RunError
+from ..errors import DamagedFileError, InputError, RunError, missing_extra
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
 from .checkpoints import (
@@ -61,7 +61,7 @@ def simulate(
       plan: Experiment, and the number of robots wanted in each condition.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
-      quiet: Whether to hide the progress and messages.
+      quiet: Whether to hide the progress and the notices before it; messages of jobs are shown.
       log: Whether to write curves for TensorBoard, too.
 
     Returns:
@@ -102,16 +102,15 @@ def simulate(
 
 def check_device(plan: Plan) -> None:
     """Raises InputError if a plan's device is missing, too small, or cannot simulate its robots."""
-    if plan.experiment.backend == "numba" and not importlib.util.find_spec("numba"):
-        raise InputError("Numba is not installed; pip install 'musebot[numba]' gets it")
     device, warp = plan.experiment.device, plan.experiment.physics == "warp"
+    for module, needed in ("numba", plan.experiment.backend == "numba"), ("mujoco_warp", warp):
+        if needed and not importlib.util.find_spec(module):
+            raise InputError(missing_extra(ModuleNotFoundError(name=module)))
     if not plan.experiment.on_tensors:
         return
-    if others := [condition.proposer for condition in plan.conditions if not condition.has_brain]:
+    if others := [condition.proposer for condition in plan.robots if not condition.has_brain]:
         where = "in MuJoCo Warp" if warp else f"on {device}"
         raise InputError(f"only robots with a brain are simulated {where}, not {others[0]}")
-    if warp and not importlib.util.find_spec("mujoco_warp"):
-        raise InputError("MuJoCo Warp is not installed; pip install 'musebot[warp]' gets it")
     if device == HOST:
         return
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
@@ -141,7 +140,7 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
     experiment = plan.experiment
     settings = settings_from(experiment.settings, several=True)
     differ = any(len(values) > 1 for values in settings.values())  # the robots of a tuning
-    for condition in plan.conditions:
+    for condition in plan.robots:
         if condition.has_brain:
             continue
         proposer = condition.proposer
@@ -252,7 +251,8 @@ class UnfinishedRun:
         experiment = self.plan.experiment
         steps = experiment.life_of(condition.task).steps_of_minutes()
         done = [lives for key, lives in self.lives.items() if key.condition == condition]
-        done += [lives for one, lives in self.measured.items() if one == condition]
+        if held := self.measured.get(condition):
+            done.append(held)
         counts = [lives.minutes[lives.valid] for lives in done]
         for key in [key for key in self.left if key.condition == condition]:
             counts.append(read_minutes(self.directory, experiment, key))

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -102,9 +103,14 @@ def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
         other = run_of("", {}, **{"cohort_size": 3} | fields)
         assert is_paired(real, other, condition) == expected, fields
     assert not is_paired(real, real, Condition(SF, "unknown.module:agent"))
-    born = Cohort(real.experiment, CohortKey(condition, 0)).agent.weights()
-    again = _newborns(real.experiment, condition)
-    assert all((born[name] == again[name]).all() for name in born.keys() | again.keys())
+
+
+@pytest.mark.parametrize("fields", [{}, {"body": "kinematic", "backend": "numba"}])
+def test_newborns_are_those_of_the_run_and_need_no_numba(fields, monkeypatch):
+    experiment, condition = Experiment(cohort_size=3, **fields), Condition(SF, "creative")
+    born = Cohort(experiment, CohortKey(condition, 0)).agent.weights()
+    monkeypatch.setitem(sys.modules, "musebot.controller.compiled", None)
+    np.testing.assert_equal(_newborns(experiment, condition), born)
 
 
 def test_pairs_without_two_valid_robots_are_left_out():

@@ -9,7 +9,6 @@ from helpers import run_of_rows
 from musebot.protocols.analysis.paper_tables import PAPER, column, paper_column, row_names
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.runs.conditions import Condition
-from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import WALL_AVOIDANCE
 
@@ -38,10 +37,10 @@ def test_the_paper_has_500_robots_in_each_of_six_columns_with_means_that_agree()
 
 def test_only_the_papers_conditions_have_a_paper_column():
     condition = Condition("spot_finding", "fixed")
-    found = paper_column(Experiment(), condition)
+    found = paper_column(condition)
     assert found is not None and found.summary == PAPER[condition]
     for other in (("spot_finding_walls", "fixed"), ("spot_finding", "agents:mine")):
-        assert paper_column(Experiment(), Condition(*other)) is None
+        assert paper_column(Condition(*other)) is None
 
 
 def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():

@@ -16,7 +16,7 @@ from musebot.protocols.cli import run as module
 from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.conditions import Condition
-from musebot.protocols.runs.config import READINGS, Config, read_life
+from musebot.protocols.runs.config import READINGS, Config, read_config, read_life
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.manifest import MANIFEST, read_manifest
 from musebot.protocols.runs.plan import Plan
@@ -87,6 +87,20 @@ def test_what_is_not_given_is_that_of_the_folder_or_of_the_file(options, robots)
     assert planned(held, **dqn).robots == {Condition(SF.task, "musebot:dqn"): 6}
     with pytest.raises(InputError, match="choose among these, got spot_finding/musebot"):
         planned(file=file, **dqn)
+
+
+def test_words_override_a_file_before_its_values_are_checked(tmp_path):
+    file = tmp_path / "run.toml"
+    for text, wrong, words in (
+        ('kinematics.wall = "slides"', "kinematics need the body 'kinematic'", {}),
+        ('device = "cuda"', "only the body 'kinematic' or the physics", {}),
+        ('seed = "one"', "seed must be a whole number", {"seed": 1}),
+    ):
+        file.write_text(f"experiment.{text}")
+        config = read_config(file)
+        with pytest.raises(InputError, match=f"^with {file}: {wrong}"):
+            planned(file=config, config=file)
+        assert planned(file=config, config=file, body="kinematic", **words)
 
 
 def test_the_same_agent_under_two_names_is_planned_once_only():

@@ -62,7 +62,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
         (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
-        (["explore", "dancing"], "the task must be one of"),
+        (["explore", "dancing"], "there is no task 'dancing'; there are "),
         (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),
         (["list", "sarsa_lambd"], "did you mean sarsa_lambda"),
         (["list", "nowhere:made"], "no module nowhere"),

@@ -32,9 +32,9 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
     plans = Benchmark().plans()
     names = (*LEARNERS, "steady", "paper")
     assert plans.keys() == {f"{life}-{name}" for life in HEADLINE for name in names}
-    lives = [condition.task for condition in plans["body-dqn"].conditions]
+    lives = [condition.task for condition in plans["body-dqn"].robots]
     assert lives == ["body", "body@2", "body@3"] and newborn_lives(DRIFT) == []
-    assert {c.proposer for c in plans["body-paper"].conditions} == {"fixed", "random", "creative"}
+    assert {c.proposer for c in plans["body-paper"].robots} == {"fixed", "random", "creative"}
     for track in ("paper", "raw"):
         plans = Benchmark(signals=track).plans()
         assert plans["body-dqn"].experiment.signals == track
@@ -67,7 +67,7 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         ),
         (
             {"set": ("dqn.rate=0.1",), "agent": ("paper",)},
-            "the learner with settings must be one of",
+            "there is no learner with settings 'dqn'; there are none",
         ),
         ({"set": ("dqn.rate=0.1,0.2",), "agent": ("dqn",)}, "a setting must be NAME=VALUE"),
         ({"set": ("dqn.rate=0.1", "dqn.rate=0.2"), "agent": ("dqn",)}, "rate is given twice"),

@@ -124,7 +124,7 @@ def test_robot_that_does_not_exist_is_refused_in_one_sentence(stored, invalid):
         ({"proposer": "random"}, f"the run has no robots of wall_avoidance/random; {hint}"),
         ({"robot": 3}, "are 0 to 2, got 3"),
         ({"robot": -1}, "are 0 to 2, got -1"),
-        ({"phase": "training"}, "the phase must be one of pre, post, got 'training'"),
+        ({"phase": "training"}, "there is no phase 'training'; there are pre, post"),
         ({"seed": -1}, "the seed must lie in"),
         ({"run": invalid}, "is invalid"),
     ):

@@ -11,9 +11,8 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.runs.config import named_brain, read_config, values_of
-from musebot.protocols.runs.experiment import Experiment, brain_name, overrides_of
-from musebot.protocols.runs.plan import changed
+from musebot.protocols.runs.config import named_brain, read_config, read_life, values_of
+from musebot.protocols.runs.experiment import Experiment, changed, overrides_of
 
 EXAMPLE = """
 experiment.seed = 7
@@ -37,11 +36,11 @@ def with_overrides(numbers, words):
 
 def test_a_named_brain_is_found_by_its_name_and_named_by_it():
     for name, brain in BRAINS.items():
-        assert named_brain(name) == brain and brain_name(brain) == name
+        assert named_brain(name) == brain and Experiment(brain=brain).brain_name == name
         words = overrides_of(brain, Parameters())
         assert with_overrides(Parameters(), words) == brain and overrides_of(brain, brain) == []
     brain = dataclasses.replace(BRAINS["steady"], discount=0.8, keep_main_idea=True)
-    assert brain_name(brain) == "steady discount=0.8 keep_main_idea=true"
+    assert Experiment(brain=brain).brain_name == "steady discount=0.8 keep_main_idea=true"
 
 
 def test_overrides_replace_the_named_parameters_only():
@@ -69,7 +68,7 @@ def test_invalid_names_and_overrides_are_refused_in_a_sentence():
         changed(Experiment(), values_of(["kinematics.lag=long"], ["kinematics.lag"]))
     with pytest.raises(InputError, match=r"there is no brain 'stedy'; did you mean steady\?"):
         named_brain("stedy")
-    with pytest.raises(InputError, match="the brain must be one of paper, .*, got 'divine'"):
+    with pytest.raises(InputError, match="there is no brain 'divine'; there are paper, "):
         named_brain("divine")
 
 
@@ -107,13 +106,14 @@ WRONG = {
     "experiment.sed = 1": "experiment has no 'sed'; did you mean seed?",
     "experiment.brain.epsilon = 2": "epsilon must be a number in [0, 1], got 2",
     "experiment.brain = 3": "brain must have names with values, got 3",
-    "experiment.brain.name = [1]": "brain must be one of paper, steady, ",
-    'experiment.seed = "one"': "seed must be a whole number",
+    "experiment.brain.name = [1]": "there is no brain '(1,)'; there are paper, steady, ",
     "experiment.seed = 1\nexperiment.seed = 2": "cannot be read",
     "plan = {a = 1}": "plan must be a list of rows",
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
     'plan = [{task = [1], proposer = "fixed", robots = 1}]': "must be texts, got ((1,), 'fixed')",
     f"plan = [{ROW}, {ROW}]": "a/b is planned twice",
+    f"plan = [{ROW.replace('1', '60.5')}]": "robots must be a whole number from 1 to ",
+    f"plan = [{ROW.replace('= 1', '= true')}]": "robots must be a whole number from 1 to ",
     '{"experiment": {"seed": 1, "seed": 2}}': "'seed' is given twice",
 }
 
@@ -125,6 +125,14 @@ def test_a_wrong_file_is_one_sentence_that_names_the_file(written):
             read_config(path)
         sentence = str(caught.value)
         assert words in sentence and sentence.startswith(str(path)) and "\n" not in sentence
+
+
+@pytest.mark.parametrize("read", [read_config, read_life])
+def test_a_file_that_the_system_does_not_open_is_refused_in_a_sentence(read, written):
+    file = written("")
+    for path in (file / "inside.toml", file.parent, file.parent / "none.toml"):
+        with pytest.raises(InputError, match=str(path)):
+            read(path)
 
 
 PLAIN = st.recursive(
@@ -141,6 +149,8 @@ def test_any_data_is_read_or_refused_in_one_sentence(tmp_path_factory, experimen
     path = tmp_path_factory.mktemp("config") / "run.json"
     path.write_text(json.dumps({"experiment": experiment, "plan": plan}))
     try:
-        read_config(path)
+        config = read_config(path)
+        changed(Experiment(), config.values)
+        assert all(type(robots) is int for robots in config.robots.values())
     except InputError as error:
         assert "\n" not in str(error)

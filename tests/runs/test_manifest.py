@@ -23,7 +23,7 @@ from musebot.protocols.runs.manifest import (
     check_identity,
     check_physics,
     is_physics_of,
-    machine,
+    made_with,
     physics_probe,
     read_manifest,
     same_physics,
@@ -64,7 +64,7 @@ def test_a_manifest_names_its_plan_and_every_machine_that_continued_the_run(tmp_
         {"task": "spot_finding", "proposer": "creative", "robots": 2},
     ]
     (here,) = content_of(tmp_path)["made_with"]
-    assert here == machine()
+    assert here == made_with()
     monkeypatch.setattr(os, "cpu_count", lambda: 1000)
     for _ in range(2):
         write_manifest(tmp_path, read_manifest(tmp_path))
@@ -180,7 +180,7 @@ def test_versions_processor_and_optional_packages_are_named(there, monkeypatch):
         return "9.8" if name == "cmaes" else version(name)
 
     monkeypatch.setattr(manifest.metadata, "version", known)
-    found = machine()
+    found = made_with()
     assert found.get("cmaes") == ("9.8" if there else None)
     assert found["numpy"] == np.__version__ and found["cores"] == os.cpu_count()
     assert {"python", "musebot", "mujoco", "torch", "scipy", "cpu", "platform"} < {*found}

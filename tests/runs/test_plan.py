@@ -49,7 +49,7 @@ def test_an_invalid_plan_is_refused_in_a_sentence():
 @given(plans())
 def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_lives_first(plan):
     size, life_of = plan.experiment.cohort_size, plan.experiment.life_of
-    of_plan = [CohortKey(c, n) for c in plan.conditions for n in range(plan.robots[c] // size)]
+    of_plan = [CohortKey(c, n) for c in plan.robots for n in range(plan.robots[c] // size)]
     assert plan.cohorts() == sorted(
         of_plan, key=lambda key: sum(life_of(key.condition.task).steps()), reverse=True
     )
@@ -58,12 +58,10 @@ def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_
 @quick
 @given(plans(), plans())
 def test_a_merged_plan_asks_for_the_robots_of_both(plan, other):
-    other = Plan.of(plan.experiment, other.conditions, plan.experiment.cohort_size * 3)
+    other = Plan.of(plan.experiment, other.robots, plan.experiment.cohort_size * 3)
     merged = plan.merged_with(other)
     assert set(merged.cohorts()) == {*plan.cohorts(), *other.cohorts()}
-    assert merged.conditions == tuple(
-        c for c in CONDITIONS if c in {*plan.conditions, *other.conditions}
-    )
+    assert [*merged.robots] == [c for c in CONDITIONS if c in {*plan.robots, *other.robots}]
     assert merged == other.merged_with(plan)
     foreign = dataclasses.replace(plan.experiment, seed=plan.experiment.seed + 1)
     with pytest.raises(InputError, match="two experiments cannot be merged"):

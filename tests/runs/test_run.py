@@ -8,6 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from musebot.protocols.analysis.comparison import compare_runs
+from musebot.protocols.pages import figures, tables
 from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.run import (
@@ -18,7 +19,6 @@ from musebot.protocols.runs.run import (
     results_of,
 )
 from musebot.protocols.runs.run_files import export_robots
-from musebot.protocols.pages import figures, tables
 
 quick = settings(deadline=None, max_examples=50)
 NAN = float("nan")

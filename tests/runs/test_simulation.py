@@ -100,7 +100,7 @@ def test_a_finished_run_can_be_enlarged_and_is_never_made_smaller(part, run, who
     assert_same(run(tmp_path / "alone", plan(conditions=BOTH[1:])), whole[1], BOTH[1:])
     run(tmp_path / "grown", plan())
     assert contents(tmp_path / "grown") == contents(whole[0])
-    assert len(small.conditions()) == len(plan(**part).conditions)
+    assert len(small.conditions()) == len(plan(**part).robots)
     again = run(tmp_path / "grown", plan(**part))
     assert [len(again.robots(condition)) for condition in BOTH] == [4, 4]
     assert contents(tmp_path / "grown") == contents(whole[0])
