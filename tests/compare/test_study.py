@@ -185,7 +185,7 @@ def test_a_damaged_or_edited_manifest_or_another_jobs_file_is_refused(tmp_path, 
 
 def test_every_set_of_versions_and_machine_is_recorded_once(tmp_path, in_process, monkeypatch):
     for versions in ("old", "old", "new"):
-        monkeypatch.setattr(study, "machine", lambda versions=versions: {"musebot": versions})
+        monkeypatch.setattr(study, "made_with", lambda versions=versions: {"musebot": versions})
         conduct(Squares(), tmp_path, in_process())
     known = json.loads((tmp_path / STUDY_FILE).read_text())
     assert known["made_with"] == [{"musebot": "old"}, {"musebot": "new"}]
