@@ -294,7 +294,7 @@ WALLS_SENSED = dataclasses.replace(
 PAPER_LIVES = (WALL_AVOIDANCE.name, SPOT_FINDING.name)
 
 
-# ---- Lives that change: no fixed policy is good in all their worlds (docs/lives.md) ----
+# ---- Lives that change: no policy of docs/lives.md is good in all their worlds ----
 
 _HOURS = 12
 _TURNS = 120  # of the wiring in the life `drift`, by 3 degrees every 6 minutes
