@@ -1,8 +1,9 @@
 """The claims of section 4 of the paper: sentences, statistics, conditions and directions.
 
 The paper uses words without a number ("mostly", "far", "about", "many"). Each claim here states a
-number for them. All numbers were chosen before any verdict was seen. The same tests judge the
-paper's own tables where these print enough data.
+number for them. We chose the numbers before the first verdict. Nine claims were added later, one of
+them (fixed robots spin the most) with its numbers in view. The same tests judge the paper's own
+tables where these print enough data.
 """
 
 from __future__ import annotations
