@@ -39,7 +39,8 @@ class Experiment:
 
     Attributes:
       seed: Seed from which all random streams derive.
-      cohort_size: Number of robots simulated in lockstep on one random stream.
+      cohort_size: Number of robots simulated in lockstep on one random stream. If it is not set,
+        `musebot run` chooses it: at most 250 (`plan.default_cohort_size`).
       time_scale: Factor on every duration of a life, in (0, 1]; below 1 for short rehearsals.
       nose: Form of Eq. 3: "inverse", in which the smell falls with the distance, or "printed", in
         which it grows (see `tasks.sensors.Nose`).
