@@ -2,8 +2,8 @@
 
 The paper uses words without a number ("mostly", "far", "about", "many"). Each claim here states a
 number for them. We chose the numbers before the first verdict. Nine claims were added later, one of
-them (fixed robots spin the most) with its numbers in view. The same tests judge the paper's own
-tables where these print enough data.
+them (fixed robots spin the most) with its numbers in view. The same tests are applied to the
+paper's own tables where these print enough data.
 """
 
 from __future__ import annotations
