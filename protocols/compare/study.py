@@ -19,7 +19,8 @@ from ..errors import DamagedFileError, InputError
 from ..pages import style
 from ..runs.experiment import Experiment
 from ..runs.jobs import Executor, Job, execute
-from ..runs.manifest import UNREADABLE, check_identity, is_physics_of, made_with, physics_probe
+from ..runs.manifest import UNREADABLE, check_identity, made_with
+from ..runs.physics_probe import is_physics_of, physics_probe
 from ..runs.plan import Plan
 from ..runs.run_files import planned
 from ..runs.simulation import UnfinishedRun

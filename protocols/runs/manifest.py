@@ -12,7 +12,7 @@ import json
 import os
 import platform
 import subprocess
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -21,11 +21,11 @@ import numpy as np
 
 from ... import __version__
 from ...fields import shown
-from ...models import Kinematics
 from ..errors import DamagedFileError, InputError
 from ..storage import read_json, write_json
 from .conditions import Condition
-from .experiment import Body, Experiment, experiment_from, flat
+from .experiment import Experiment, experiment_from, flat
+from .physics_probe import is_physics_of, physics_probe
 from .plan import Plan
 
 MANIFEST = "experiment.json"
@@ -35,7 +35,6 @@ VALUES = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _WARP = ("mujoco-warp", "warp-lang")
 # The packages that compute.
 _PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", "numba", *_WARP, "cmaes")
-_IDEAL = Kinematics()
 
 # Exceptions of reading values that are not those of an experiment.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
@@ -155,38 +154,6 @@ def same_physics(directory: Path) -> bool:
         if any(one != versions[0] for one in versions):
             return False
     return is_physics_of(content["physics"], experiment)
-
-
-@functools.cache
-def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tuple[float, ...]:
-    """Drives a robot into a wall and returns its pose and sensor readings there.
-
-    A changed mass, friction or timestep changes these numbers; a changed colour does not. With
-    non-default kinematics, robots also drive along a wall at several angles.
-    """
-    experiment = Experiment(body=body, kinematics=kinematics)
-    batch = experiment.batch("spot_finding", 1)
-    batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
-    for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
-        for _ in range(4):
-            batch.step(np.array([motors]))
-    numbers = *batch.pose[0].tolist(), *batch.sensordata[0].tolist()
-    if kinematics == _IDEAL:
-        return numbers
-    angles = np.radians(np.arange(5, 90, 10))
-    grazing = experiment.batch("spot_finding", len(angles))
-    east = np.full(len(angles), grazing.dimensions.half_length - grazing.dimensions.radius)
-    grazing.place(np.arange(len(angles)), np.column_stack([east, 0 * east, angles]))
-    for motor in (0.5, 0.3):
-        for _ in range(4):
-            grazing.step(np.full((len(angles), 2), motor))
-    return (*numbers, *grazing.pose.ravel().tolist())
-
-
-def is_physics_of(probe: Sequence[float], experiment: Experiment) -> bool:
-    """Returns whether a stored probe equals this version's `physics_probe` of an experiment."""
-    ours = physics_probe(experiment.body, experiment.kinematics)
-    return np.shape(ours) == np.shape(probe) and bool(np.allclose(probe, ours, rtol=0, atol=1e-6))
 
 
 # ---- Versions ----

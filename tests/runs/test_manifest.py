@@ -14,7 +14,7 @@ from hypothesis import given
 from strategies import CONDITIONS, plans, quick
 
 from musebot.controller import BRAINS
-from musebot.models import Kinematics, arena_spec, kinematic
+from musebot.models import Kinematics
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.experiment import Experiment
@@ -22,16 +22,13 @@ from musebot.protocols.runs.manifest import (
     MANIFEST,
     check_identity,
     check_physics,
-    is_physics_of,
     made_with,
-    physics_probe,
     read_manifest,
     same_physics,
     write_manifest,
 )
 from musebot.protocols.runs.plan import Plan
 from musebot.protocols.storage import write_json
-from musebot.tasks import arena
 
 
 @pytest.fixture
@@ -120,11 +117,6 @@ def test_every_parameter_that_differs_or_is_missing_is_named():
         check_identity(Path("x"), sound, {"mood": "good"})
 
 
-# Physics
-
-probe = physics_probe.__wrapped__  # without the cache
-
-
 def test_a_run_of_another_physics_is_refused_and_one_within_a_millionth_is_not(sound):
     physics = content_of(sound)["physics"]
     for change, same in ((0.0, True), (1e-7, True), (1e-5, False), (None, False)):
@@ -136,35 +128,6 @@ def test_a_run_of_another_physics_is_refused_and_one_within_a_millionth_is_not(s
         with contextlib.nullcontext() if same else pytest.raises(InputError, match=words):
             check_physics(sound)
         assert (sound / MANIFEST).read_bytes() == before
-
-
-def test_the_probe_moves_with_a_mass_and_not_with_a_colour(monkeypatch):
-    ours = probe()
-    assert any(value != 0 for value in ours)
-
-    def edit(part, name, **changes):
-        def spec(*args, **kwargs):
-            edited = arena_spec(*args, **kwargs)
-            for attribute, value in changes.items():
-                setattr(getattr(edited, part)(name), attribute, value)
-            return edited
-
-        monkeypatch.setattr(arena, "arena_spec", spec)
-
-    edit("body", "robot", mass=0.08)
-    assert np.abs(np.subtract(probe(), ours)).max() > 1e-5
-    edit("site", "lid", rgba=[1, 1, 1, 1])
-    assert probe() == ours
-
-
-def test_the_probe_moves_with_the_walls_of_the_kinematic_simulator(monkeypatch):
-    slips = Kinematics(wall="slips")
-    ours = probe("kinematic", slips)
-    assert len(ours) > len(probe("kinematic"))
-    slides = Experiment(body="kinematic", kinematics=Kinematics(wall="slides"))
-    assert not is_physics_of(ours, slides)
-    monkeypatch.setattr(kinematic, "GRIP", 0.3)
-    assert np.abs(np.subtract(probe("kinematic", slips), ours)).max() > 1e-5
 
 
 # Versions
