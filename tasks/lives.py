@@ -352,7 +352,7 @@ def life_from(fields: Any) -> Life:
     """
     own = _known(fields, Life, "a life")
     if not isinstance(own.get("phases"), list | tuple) or not own["phases"]:
-        raise ValueError("a life must have a list of phases")
+        raise ValueError("a life must have a list of phases, [[phases]]")
     if missing := {"name", "task"} - {*own}:
         raise ValueError(f"a life must have a {min(missing)}")
     if "@" in str(own["name"]):

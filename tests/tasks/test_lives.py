@@ -185,7 +185,7 @@ IN_A_PHASE = {
 WRONG = {
     "a life must have names with values, got 3": 3,
     "a life has the fields name, .*, got 'colour'": GOOD | {"colour": 1},
-    "a life must have a list of phases": GOOD | {"phases": []},
+    "a life must have a list of phases, ": GOOD | {"phases": []},
     "a life must have a name": {"task": "spot_finding", "phases": [{}]},
     "name must be lower case letters": GOOD | {"name": "My life"},
     "title must be 1 to 60 characters": GOOD | {"title": ""},
