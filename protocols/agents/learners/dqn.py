@@ -12,19 +12,17 @@ from ..settings import Number, Setting, tunable
 from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, column
 
+Transitions = tuple[Tensor, Tensor, Tensor, Tensor]
+"""Inputs, (B, N, I), actions, (B, N), next inputs, (B, N, I), rewards, (B, N), of N steps."""
 
-class DQN(OnlineLearner):
-    """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
 
-    Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
-    transitions and learns from `BATCH` of them in each step, drawn uniformly, with the Huber loss
-    and a target network that is copied every `COPY` steps. It shows how much replay helps in a
-    life; all other learners see each transition once. The source, for 50 million frames of a game,
-    has a memory of a million transitions, an update every fourth action after the first 50,000, a
-    copy every 10,000 updates, and RMSProp instead of Adam.
+class DQNWithoutReplay(OnlineLearner):
+    """DQN without its memory: a robot learns from each transition once, when it happens.
+
+    It has the Huber loss, Adam, and a target network that is copied every `COPY` steps.
     """
 
-    REPLAY, BATCH, COPY = 50_000, 32, 500
+    COPY = 500
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
@@ -34,10 +32,6 @@ class DQN(OnlineLearner):
         self._adam = self.trained("values", self.networks, self.setting["rate"])
         self._target = self.keep("target", self.networks.flat.clone())
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
-        # Inputs, next inputs and reward of each transition, and its action.
-        columns = 2 * self.inputs + 1
-        self._replay = self.keep("replay", torch.zeros(robots, self.REPLAY, columns))
-        self._acted = self.keep("acted", torch.zeros(robots, self.REPLAY, dtype=torch.uint8))
         self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
@@ -46,36 +40,60 @@ class DQN(OnlineLearner):
         return ACTIONS[self.now["chosen"]]
 
     def update(self, reward: Tensor) -> None:
+        inputs, acted, following, rewards = self.transitions(reward)
+        best = self.networks(following, self._target).amax(dim=2)
+        target = rewards + column(self.discount) * best
+        layers = self.networks.layers(inputs)
+        error = layers[-1].gather(2, acted[..., None])[..., 0] - target
+        # Derivative of the Huber loss, averaged over the transitions.
+        slopes = torch.zeros_like(layers[-1])
+        slopes.scatter_(2, acted[..., None], (error.clamp(-1, 1) / error.shape[1])[..., None])
+        self._adam.step(self.networks.relu_gradient(layers, slopes))
+        self._count += 1
+        if int(self._count) % self.COPY == 0:
+            self._target.copy_(self.networks.flat)
+
+    def transitions(self, reward: Tensor) -> Transitions:
+        """Returns the transitions to learn from; the last one has the rewards (B,)."""
+        before, now = self.before, self.now
+        last = before["inputs"], before["chosen"], now["inputs"], reward
+        inputs, acted, following, rewards = (tensor[:, None] for tensor in last)
+        return inputs, acted, following, rewards
+
+
+class DQN(DQNWithoutReplay):
+    """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
+
+    Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
+    transitions and learns from `BATCH` of them in each step, drawn uniformly. It shows how much
+    replay helps in a life; all other learners see each transition once. The source, for 50 million
+    frames of a game, has a memory of a million transitions, an update every fourth action after the
+    first 50,000, a copy every 10,000 updates, and RMSProp instead of Adam.
+    """
+
+    REPLAY, BATCH = 50_000, 32
+
+    def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
+        super().__init__(robots, senses, seed, **settings)
+        # Inputs, next inputs and reward of each transition, and its action.
+        columns = 2 * self.inputs + 1
+        self._replay = self.keep("replay", torch.zeros(robots, self.REPLAY, columns))
+        self._acted = self.keep("acted", torch.zeros(robots, self.REPLAY, dtype=torch.uint8))
+
+    def transitions(self, reward: Tensor) -> Transitions:
         count = int(self._count)
         place = count % self.REPLAY
         self._replay[:, place] = torch.cat(
             [self.before["inputs"], self.now["inputs"], reward[:, None]], dim=1
         )
         self._acted[:, place] = self.before["chosen"]
-        self._count += 1
         size = self.robots, self.BATCH
         drawn = torch.randint(min(count + 1, self.REPLAY), size, generator=self.generator)
         rows = torch.arange(self.robots)[:, None]
         inputs, following, rewards = self._replay[rows, drawn].split(
             [self.inputs, self.inputs, 1], dim=2
         )
-        acted = self._acted[rows, drawn][..., None].long()
-        best = self.networks(following, self._target).amax(dim=2)
-        target = rewards[..., 0] + column(self.discount) * best
-
-        def loss(flat: Tensor) -> Tensor:
-            values = self.networks(inputs, flat).gather(2, acted)[..., 0]
-            return F.smooth_l1_loss(values, target, reduction="none").mean(dim=1)
-
-        self._adam.descend(loss)
-        if (count + 1) % self.COPY == 0:
-            self._target.copy_(self.networks.flat)
-
-
-class DQNWithoutReplay(DQN):
-    """DQN that learns from each transition once: its memory holds only the last transition."""
-
-    REPLAY, BATCH = 1, 1
+        return inputs, self._acted[rows, drawn].long(), following, rewards[..., 0]
 
 
 SETTINGS = {

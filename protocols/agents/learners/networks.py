@@ -1,4 +1,4 @@
-"""Networks with several layers, one for each of B robots, and their gradients by autograd."""
+"""Networks with several layers, one for each of B robots, their gradients, and Adam."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import pairwise
 import torch
 import torch.nn.functional as F
 from torch import Tensor
+from torch.optim.adam import adam
 
 Hidden = Callable[[Tensor], Tensor]
 
@@ -58,19 +59,16 @@ class LayeredNetworks:
         Returns:
           Outputs, shape (B, O) or (B, N, O).
         """
-        tensors = self.tensors if flat is None else self._views(flat)
         several = inputs.dim() == 3
-        x = self._layers(inputs if several else inputs[:, None], tensors)[-1]
+        x = self.layers(inputs if several else inputs[:, None], flat)[-1]
         return x if several else x[:, 0]
 
-    def hidden(self, inputs: Tensor) -> list[Tensor]:
-        """Returns the activations of each hidden layer, (B, H), at inputs (B, I)."""
-        return [x[:, 0] for x in self._layers(inputs[:, None], self.tensors)[:-1]]
-
-    def _layers(self, x: Tensor, tensors: list[Tensor]) -> list[Tensor]:
-        found = []
+    def layers(self, inputs: Tensor, flat: Tensor | None = None) -> list[Tensor]:
+        """Returns the inputs, (B, N, I), and the activations of each layer, (B, N, O)."""
+        tensors = self.tensors if flat is None else self._views(flat)
+        found = [inputs]
         for layer, (weights, biases) in enumerate(zip(tensors[::2], tensors[1::2], strict=True)):
-            x = torch.baddbmm(biases[:, None], x, weights.mT)
+            x = products(found[-1], weights.mT) + biases[:, None]
             if layer < len(self._hidden):
                 x = self._hidden[layer](x)
             found.append(x)
@@ -86,6 +84,28 @@ class LayeredNetworks:
             values = objective(leaf)
             gradient = torch.autograd.grad(values.sum(), leaf)[0]
         return values.detach(), gradient
+
+    def relu_gradient(self, layers: list[Tensor], slopes: Tensor) -> Tensor:
+        """Returns the gradient of an objective by backpropagation, if all hidden layers are ReLUs.
+
+        It takes half the time of `differentiated`.
+
+        Args:
+          layers: Activations at N inputs, which `layers` returned.
+          slopes: Derivative of each robot's objective by its N outputs, shape (B, N, O).
+
+        Returns:
+          The derivative by weights and biases, shape (B, W).
+        """
+        gradient = torch.empty_like(self.flat)
+        parts = self._views(gradient)
+        for layer in reversed(range(len(layers) - 1)):
+            below = layers[layer]
+            parts[2 * layer].copy_(products(slopes.mT, below))
+            parts[2 * layer + 1].copy_(slopes.sum(dim=1))
+            if layer > 0:
+                slopes = products(slopes, self.tensors[2 * layer]) * (below > 0)
+        return gradient
 
     def _views(self, flat: Tensor) -> list[Tensor]:
         parts = flat.split(self._counts, dim=1)
@@ -113,27 +133,38 @@ class Adam:
     def __init__(self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float) -> None:
         """Begins with moments of 0; the mean of gradients decays by `mean_decay` per step."""
         self._networks = networks
-        self._flat, self._rate = networks.flat, column(rate)
-        self._move = torch.zeros_like(self._flat)  # of learn rate 1
-        betas = mean_decay, 0.999
-        # Fused, it takes a third of the time.
-        self._optimizer = torch.optim.Adam([self._move], lr=1.0, betas=betas, fused=True)
-        # PyTorch makes these in the first step, which is too late for a checkpoint before it.
-        kept = {
-            "step": torch.zeros(()),
-            "exp_avg": torch.zeros_like(self._flat),
-            "exp_avg_sq": torch.zeros_like(self._flat),
-        }
-        self._optimizer.state[self._move] = kept
-        self.tensors = [*kept.values()]
+        self._rate, self._mean_decay = column(rate), mean_decay
+        self._move = torch.zeros_like(networks.flat)  # of learn rate 1
+        self.tensors = [torch.zeros(()), *(torch.zeros_like(networks.flat) for _ in range(2))]
 
     def descend(self, cost: Callable[[Tensor], Tensor]) -> None:
-        """Makes an Adam step down the gradient of a cost; see `LayeredNetworks.differentiated`."""
-        self._move.zero_().grad = self._networks.differentiated(cost)[1]
-        self._optimizer.step()
-        self._flat += self._rate * self._move
+        """Makes a step down the gradient of a cost; see `LayeredNetworks.differentiated`."""
+        self.step(self._networks.differentiated(cost)[1])
+
+    def step(self, gradient: Tensor) -> None:
+        """Makes a step down each robot's gradient, (B, W)."""
+        steps, mean, square = self.tensors
+        # The function, not the class, which takes twice the time for small networks.
+        adam(
+            [self._move.zero_()], [gradient], [mean], [square], [], [steps],
+            lr=1.0, beta1=self._mean_decay, beta2=0.999, eps=1e-8, weight_decay=0.0,
+            amsgrad=False, maximize=False, fused=True,
+        )  # fmt: skip
+        self._networks.flat += self._rate * self._move
 
 
 def column(value: float | Tensor) -> float | Tensor:
     """Returns a number as it is, and a tensor of one per robot, (B,), as a column (B, 1)."""
     return value[:, None] if isinstance(value, Tensor) else value
+
+
+def products(a: Tensor, b: Tensor) -> Tensor:
+    """Returns the matrix products of (B, M, K) and (B, K, N), shape (B, M, N).
+
+    With M or K of 1 it takes half the time of `torch.bmm`.
+    """
+    if a.shape[2] == 1:
+        return a * b
+    if a.shape[1] == 1:
+        return (a.mT * b).sum(dim=1, keepdim=True)
+    return torch.bmm(a, b)

@@ -56,9 +56,10 @@ class ContinualBackprop(DQNWithoutReplay):
     def update(self, reward: Tensor) -> None:
         super().update(reward)
         self._ages += 1
-        for layer, hidden in enumerate(self.networks.hidden(self.before["inputs"])):
+        layers = self.networks.layers(self.before["inputs"][:, None])
+        for layer, hidden in enumerate(layers[1:-1]):
             outgoing = self.networks.tensors[2 * layer + 2]
-            useful = hidden.abs() * outgoing.abs().sum(dim=1)
+            useful = hidden[:, 0].abs() * outgoing.abs().sum(dim=1)
             self._utility[layer].lerp_(useful, 1 - self.UTILITY_DECAY)
             mature = self._ages[layer] > self.MATURE
             self._due[layer] += self.setting["replaced"] * mature.sum(dim=1)
