@@ -211,8 +211,10 @@ def learn_all(nets, neurons, reward, before, now, error):
         error[robot] = learn(nets, space, reward[robot], robot, before, now)
 
 
-# ---- The kinematic simulator: walls that hold or refuse a robot, wheels without lag ----
+# ---- The kinematic simulator ----
 
+# Walls in the order of `models.kinematic.WALLS`.
+HOLDS, SLIDES, STICKS, SLIPS, REFUSES = range(5)
 # Sensors in a row of `sensordata`.
 DISTANCES, TOUCH, SMELL = 0, 4, 5
 
@@ -227,37 +229,63 @@ def _share(start, step, room):
 def drive(size, how, pose, left, right):
     """Moves a robot along a path as `models.kinematic.drive`; returns whether it pushes a wall."""
     length, width, base, speed, _, _, _ = size
-    refuses, _, arc, seconds, _ = how
+    wall, _, _, arc, seconds, _, _, grip = how
     turn = (right - left) * speed / base * seconds
     ahead, along = (left + right) * speed / 2 * seconds, pose[2]
     if arc:
         half = turn / 2
         ahead, along = ahead * (math.sin(half) / half if half else 1.0), along + half
     x, y = ahead * math.cos(along), ahead * math.sin(along)
-    pose[2] += turn
     pushing = abs(pose[0] + x) > length or abs(pose[1] + y) > width
-    if pushing and refuses:
+    if not (pushing and wall == STICKS):
+        pose[2] += turn
+    if pushing and wall == REFUSES:
         return True
-    share = min(_share(pose[0], x, length), _share(pose[1], y, width)) if pushing else 1.0
-    share = min(max(share, 0.0), 1.0)
-    pose[0] = min(max(pose[0] + share * x, -length), length)
-    pose[1] = min(max(pose[1] + share * y, -width), width)
+    if pushing and wall != SLIDES:
+        first, second = _share(pose[0], x, length), _share(pose[1], y, width)
+        share = min(max(min(first, second), 0.0), 1.0)
+        pose[0] += share * x
+        pose[1] += share * y
+        x, y = (1 - share) * x, (1 - share) * y  # what the wall prevents
+        meets, crosses = first <= share < 1, second <= share < 1
+        x, y = slip(x, y, (1 - share) * seconds * grip, meets, crosses, wall == SLIPS)
+    pose[0] = min(max(pose[0] + x, -length), length)
+    pose[1] = min(max(pose[1] + y, -width), width)
     return pushing
 
 
 @_body
-def move(size, how, pose, left, right):
+def slip(x, y, grip, meets, crosses, slips):
+    """Returns how far a robot slips along a wall; see `models.kinematic.slip`.
+
+    `grip` is multiplied by the seconds; `meets` and `crosses` say which walls the robot meets, and
+    `slips` whether the walls let it slip.
+    """
+    square = x * x + y * y
+    if not slips or square == 0:
+        return 0.0, 0.0
+    ahead = math.hypot(x if meets else 0.0, y if crosses else 0.0)
+    kept = max(1 - grip * ahead / square, 0.0)
+    return (0.0 if meets else x * kept), (0.0 if crosses else y * kept)
+
+
+@_body
+def move(size, how, pose, wheels, left, right):
     """Moves a robot for a control step; see `tasks.kinematic.after_control_step`.
 
     Returns whether the robot is in contact.
     """
     length, width, _, _, _, _, margin = size
-    _, pushed, _, _, pieces = how
-    pushing = False
+    _, pushed, anywhen, _, _, pieces, (late, behind), _ = how
+    contact = False
     for _ in range(pieces):
-        pushing = drive(size, how, pose, left, right)
-    gap = min(length - abs(pose[0]), width - abs(pose[1]))
-    return pushing if pushed else gap <= margin
+        missing = wheels[0] - left, wheels[1] - right
+        mean = left + missing[0] * late, right + missing[1] * late
+        wheels[0], wheels[1] = left + missing[0] * behind, right + missing[1] * behind
+        pushing = drive(size, how, pose, mean[0], mean[1])
+        gap = min(length - abs(pose[0]), width - abs(pose[1]))
+        contact = (contact and anywhen) or (pushing if pushed else gap <= margin)
+    return contact
 
 
 @_body
@@ -274,6 +302,16 @@ def measure(size, pose, spot, touch, sensors):
     x, y = spot[0] - pose[0], spot[1] - pose[1]
     sensors[SMELL] = cosine * x + sine * y - nose
     sensors[SMELL + 1] = cosine * y - sine * x
+
+
+@_body
+def move_all(size, how, robots, motors):
+    """Moves all robots for a control step and writes what they measure; `motors` are (B, 2)."""
+    poses, wheels, touch, spots, sensordata, _ = robots
+    for robot in range(len(poses)):
+        pose, (left, right) = poses[robot], motors[robot]
+        touch[robot] = move(size, how, pose, wheels[robot], left, right)
+        measure(size, pose, spots[robot], touch[robot], sensordata[robot])
 
 
 @_body
@@ -310,10 +348,10 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Three tuples of numbers, which `protocols.runs.compiled_life.world_of` returns. They
-        describe the robot and its arena, the `Kinematics`, and the task.
-      robots: Tuple of the arrays that `KinematicBatch.arrays` returns, in this order: `poses`,
-        `wheels`, `touch`, `spots`, `sensordata`, `valid`. All but `spots` are changed in place.
+      world: Three tuples of numbers: the first two of `KinematicBatch.compiled_arguments`, and one
+        that describes the task (`protocols.runs.compiled_life`).
+      robots: Arrays of `KinematicBatch.compiled_arguments`: poses, wheels, contacts, spots, sensor
+        data, and whether robots are valid. All but the spots are changed in place.
       brain: Tuple of `nets`, `neurons` and `now` (the present step) of a `CompiledNeurocontroller`.
       draws: Random numbers of K steps, which `CompiledNeurocontroller.draw` returned.
       learning: True if the brains learn in all K steps, False if they learn in none.
@@ -341,8 +379,7 @@ def simulate(world, robots, brain, draws, learning, counts):
             left, right = np.float64(selected[robot, 0]), np.float64(selected[robot, 1])
             valid[robot] &= math.isfinite(left) and math.isfinite(right)
             if valid[robot]:
-                touch[robot] = move(size, how, pose, left, right)
-                wheels[robot, 0], wheels[robot, 1] = left, right
+                touch[robot] = move(size, how, pose, wheels[robot], left, right)
                 measure(size, pose, spots[robot], touch[robot], sensors)
             else:
                 pose[:], wheels[robot], touch[robot], sensors[:] = 0, 0, 0, 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from types import ModuleType
 from typing import Any
 
 import mujoco
@@ -10,7 +11,15 @@ import numpy as np
 
 from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
 from ..models.arrays import namespace
-from ..models.kinematic import distances, drive, follow_motors, gaps, spot_from_nose
+from ..models.kinematic import (
+    GRIP,
+    WALLS,
+    distances,
+    drive,
+    follow_motors,
+    gaps,
+    spot_from_nose,
+)
 from .arena import Edit, TaskDefinition
 from .batch import Robots
 from .episode import CONTROL_TIMESTEP
@@ -40,7 +49,31 @@ class KinematicBatch(Robots):
         self._touch = np.zeros(robots)
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, "velocity")
         self.velocity = int(model.sensor_adr[sensor]) if sensor >= 0 else None
+        self._equations: ModuleType | None = None
         self.place(np.arange(robots), self._poses)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether Numba computes the steps, see `compile`."""
+        return self._equations is not None
+
+    def compile(self) -> None:
+        """Lets Numba compute the next steps, if it has the equations of these robots' sensors."""
+        from .. import compiled_equations as equations
+
+        layout = self.rules.layout
+        places = layout.distances.start, layout.touch.start, layout.smell.start
+        if places == (equations.DISTANCES, equations.TOUCH, equations.SMELL):
+            self._equations = equations
+            self._numbers = numbers_of(self.dimensions, self.kinematics)
+
+    def compiled_arguments(self) -> tuple[Any, Any, Any]:
+        """Returns what the compiled equations read: two tuples of numbers, and one of arrays.
+
+        The numbers describe robot and arena, and the `Kinematics`.
+        """
+        state = self._poses, self._wheels, self._touch, self._spots, self.sensordata, self.valid
+        return *self._numbers, state
 
     @property
     def pose(self) -> np.ndarray:
@@ -70,13 +103,16 @@ class KinematicBatch(Robots):
 
     def step(self, motors: np.ndarray) -> None:
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
-        poses, self._wheels[:], self._touch[:] = after_control_step(
-            self._poses, self._wheels, motors, self.kinematics, self.dimensions
-        )
-        measure_speed(self.sensordata, self.velocity, self._poses, poses)
-        self._poses[:] = poses
-        world = self._poses, self._spots, self._touch
-        measure(self.sensordata, self.rules.layout, world, self.dimensions)
+        before = self._poses.copy()
+        if self._equations:
+            self._equations.move_all(*self.compiled_arguments(), motors)
+        else:
+            self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
+                before, self._wheels, motors, self.kinematics, self.dimensions
+            )
+            world = self._poses, self._spots, self._touch
+            measure(self.sensordata, self.rules.layout, world, self.dimensions)
+        measure_speed(self.sensordata, self.velocity, before, self._poses)
         self._stop_unsound(self.dimensions.sound(self._poses[:, :2]))
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -107,6 +143,22 @@ def after_control_step(
         if how.any_contact or number == how.pieces - 1:
             contact = contact | (pushing if how.felt == "pushed" else touches(poses, size))
     return poses, wheels, contact
+
+
+def numbers_of(size: Dimensions, how: Kinematics) -> tuple[Any, Any]:
+    """Returns the numbers of `KinematicBatch.compiled_arguments`."""
+    room = size.half_length - size.radius, size.half_width - size.radius
+    speed = 2 * size.motor_speed  # [m/s] for a motor value of 1
+    body = *room, size.wheel_base, speed, size.radius, size.nose, size.contact_margin
+    seconds = CONTROL_TIMESTEP / how.pieces
+    # How much of a wheel's missing speed is missing on average, and at the end.
+    late, behind = (
+        float(speeds[0, 0])
+        for speeds in follow_motors(np.ones((1, 2)), np.zeros((1, 2)), seconds, how.lag)
+    )
+    felt = how.felt == "pushed", how.any_contact
+    path = how.path == "arc", seconds, how.pieces
+    return tuple(map(float, body)), (WALLS.index(how.wall), *felt, *path, (late, behind), GRIP)
 
 
 def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:

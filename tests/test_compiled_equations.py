@@ -17,10 +17,11 @@ from musebot.controller import BRAINS, Neurocontroller, Parameters
 from musebot.controller.compiled import CompiledNeurocontroller
 from musebot.controller.networks import load_into
 from musebot.models import Kinematics
+from musebot.models.kinematic import WALLS
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.compiled_life import compilable, world_of
+from musebot.protocols.runs.compiled_life import compilable, task_numbers
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.config import READINGS
 from musebot.protocols.runs.experiment import Experiment
@@ -82,8 +83,10 @@ def test_a_step_from_an_equal_state_is_pytorchs_to_1e_5(parameters, proposer, se
 
 WORLDS = st.builds(
     Kinematics,
-    wall=st.sampled_from(["holds", "refuses"]),
+    wall=st.sampled_from(WALLS),
     felt=st.sampled_from(["near", "pushed"]),
+    any_contact=st.booleans(),
+    lag=st.sampled_from([0.0, 0.08]),
     path=st.sampled_from(["arc", "euler"]),
     pieces=st.integers(1, 5),
     radius=st.none() | st.floats(0.01, 0.08),
@@ -95,27 +98,29 @@ WORLDS = st.builds(
 @given(WORLDS, st.sampled_from(TASKS), st.sampled_from(["inverse", "printed"]), st.data())
 def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
     batch = make_kinematic_batch(task, 40, how, nose=nose)
-    assert compilable(batch)
-    size, numbers, rules = world_of(batch)
+    twin = make_kinematic_batch(task, 40, how, nose=nose)
+    twin.compile()
+    assert compilable(twin) and not compilable(batch)
+    rules = task_numbers(batch)
     random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
     ends = np.array([batch.dimensions.half_length, batch.dimensions.half_width]) * 0.999
     ends -= batch.dimensions.radius
-    batch.place_spot(np.arange(40), random.uniform(-ends, ends, (40, 2)))
-    batch.place(np.arange(40), np.column_stack([random.uniform(-ends, ends, (40, 2)),
-                                               random.uniform(-4, 4, 40)]))  # fmt: skip
+    spots, places = random.uniform(-ends, ends, (2, 40, 2))
+    headings = random.uniform(-4, 4, 40)
+    for robots in (batch, twin):
+        robots.place_spot(np.arange(40), spots)
+        robots.place(np.arange(40), np.column_stack([places, headings]))
     state = np.zeros(batch.rules.state(batch.sensordata).shape[1], np.float32)
     for _ in range(8):
         motors = random.uniform(-0.5, 0.5, (40, 2)) * random.choice([0, 1, 1], (40, 1))
-        before = batch.pose
-        batch.step(motors)
+        twin.set_state(batch.get_state())
+        for robots in (batch, twin):
+            robots.step(motors)
+        for name, array in batch.arrays().items():
+            np.testing.assert_allclose(twin.arrays()[name], array, rtol=1e-9, atol=1e-9)
         states, rewards = batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata)
         events = batch.rules.event(batch.sensordata)
-        for robot, (pose, (left, right)) in enumerate(zip(before, motors, strict=True)):
-            touch = float(equations.move(size, numbers, pose, left, right))
-            np.testing.assert_allclose(pose, batch.pose[robot], rtol=0, atol=1e-12)
-            sensors = np.zeros(batch.sensordata.shape[1])
-            equations.measure(size, pose, batch.spot[robot], touch, sensors)
-            np.testing.assert_allclose(sensors, batch.sensordata[robot], rtol=1e-9, atol=1e-9)
+        for robot, sensors in enumerate(batch.sensordata):
             reward, event = equations.sense(rules, sensors, state)
             np.testing.assert_allclose(state, states[robot], rtol=1e-6, atol=1e-7)
             assert reward == pytest.approx(rewards[robot], abs=1e-9) and event == events[robot]
@@ -182,8 +187,8 @@ def test_a_robot_whose_weights_are_not_finite_stops_alone():
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        (dict(brain=BRAINS["steady"]), "has the paper's ingredients only"),
-        (dict(brain=Parameters(keep_main_idea=True)), "has the paper's ingredients only"),
+        (dict(brain=BRAINS["steady"]), "compiles the paper's brain only"),
+        (dict(brain=Parameters(keep_main_idea=True)), "compiles the paper's brain only"),
         (dict(device="cuda", body="kinematic"), "does not compute on a GPU"),
     ],
 )

@@ -25,7 +25,7 @@ LAYERS = (
 # What each package of the root may import: models <- tasks <- protocols -> controller.
 ROOT_LAYERS = {
     "models": {"models", "fields"},
-    "tasks": {"models", "tasks", "fields", "gymnasium_registration"},
+    "tasks": {"models", "tasks", "fields", "compiled_equations", "gymnasium_registration"},
     "controller": {"controller", "fields", "compiled_equations"},
     "protocols": {*PACKAGES, "fields", "compiled_equations"},
 }

@@ -12,6 +12,7 @@ from .options import argument, executor, option
 
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
+_BACKENDS = ("torch", "numba")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate (raw)"
@@ -69,7 +70,10 @@ class Run(_Conducted):
     seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     backend: str = option(
-        "torch", "what computes the paper's brain (torch)", choices=("torch", "numba"), group=_HOW
+        "torch",
+        "numba: compiled simulator and paper's brain (torch)",
+        choices=_BACKENDS,
+        group=_HOW,
     )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)

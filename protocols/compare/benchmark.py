@@ -109,17 +109,21 @@ class Benchmark(Study):
 
     def _driver(self, name: str) -> tuple[Sequence[str], dict[str, Any]]:
         """Returns a learner's proposers, and the fields of its experiment."""
+        # In MuJoCo, Numba compiles only the paper's brain.
+        compiled = name == "paper" or self.body == "kinematic"
+        shared = {"backend": self.backend if compiled else "torch"}
         if name == "paper":
-            return PROPOSERS, {"brain": BRAINS[name], "backend": self.backend}
+            return PROPOSERS, {**shared, "brain": BRAINS[name]}
         if name in BRAINS:
             brain = BRAINS[name]
             if self.signals == "paper":
                 brain = dataclasses.replace(brain, raw_signals=False, raw_reward=False)
-            return ("creative",), {"brain": brain}
+            return ("creative",), {**shared, "brain": brain}
         tuned = self._settings.get((name, self.signals), ())
         words = [*tuned, *self._chosen.get(short_name(name), ())]
-        settings = {word.partition("=")[0]: word for word in words}  # what is chosen replaces
-        return (name,), {"signals": self.signals, "settings": tuple(settings.values())}
+        by_name = {word.partition("=")[0]: word for word in words}  # what is chosen replaces
+        settings = tuple(by_name.values())
+        return (name,), {**shared, "signals": self.signals, "settings": settings}
 
     @functools.cached_property
     def _chosen(self) -> Mapping[str, Sequence[str]]:

@@ -67,7 +67,7 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     proposer = condition.proposer
     if proposer in PROPOSERS:
         make_brain = Neurocontroller
-        if experiment.backend == "numba":
+        if experiment.backend == "numba" and experiment.brain.compilable:
             from ...controller.compiled import CompiledNeurocontroller as make_brain
         controller = make_brain(experiment.brain, proposer, robots, senses, seed)
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
@@ -128,6 +128,8 @@ class Cohort:
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
         self.batch = robots_on_device(experiment, task)[0] if batch is None else batch
+        if experiment.backend == "numba" and isinstance(self.batch, KinematicBatch):
+            self.batch.compile()
         with device_of(experiment):
             self.agent = make_agent(experiment, key.condition, robots, seed)
         self._counts = zero_counts(self.batch)  # events that `store` has not seen

@@ -8,7 +8,6 @@ import numpy as np
 
 from ... import compiled_equations as equations
 from ...controller.compiled import CompiledNeurocontroller
-from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
@@ -23,9 +22,8 @@ class CompiledLife:
     def __init__(self, brain: Any, batch: KinematicBatch) -> None:
         """Takes a `CompiledNeurocontroller`, and robots that are `compilable`."""
         self._brain: CompiledNeurocontroller = brain
-        names = ("poses", "wheels", "touch", "spots", "sensordata", "valid")
-        self._robots = tuple(batch.arrays()[name] for name in names)
-        self._world = world_of(batch)
+        size, how, self._robots = batch.compiled_arguments()
+        self._world = size, how, task_numbers(batch)
 
     def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> None:
         """Simulates control steps; adds each robot's number of events to `counts`, shape (B,)."""
@@ -41,27 +39,13 @@ class CompiledLife:
 
 def compilable(batch: KinematicBatch) -> bool:
     """Returns whether the compiled loop can compute motion, sensors and task of these robots."""
-    how, layout = batch.kinematics, batch.rules.layout
-    places = layout.distances.start, layout.touch.start, layout.smell.start
-    return (
-        type(batch.rules) in _RULES
-        and how.wall in ("holds", "refuses")
-        and not how.lag
-        and not how.any_contact
-        and places == (equations.DISTANCES, equations.TOUCH, equations.SMELL)
-    )
+    return batch.compiled and type(batch.rules) in _RULES
 
 
-def world_of(batch: KinematicBatch) -> Any:
-    """Returns the numbers of a batch that the compiled loop reads, see `equations.simulate`."""
-    rules, size, how = batch.rules, batch.dimensions, batch.kinematics
-    room = size.half_length - size.radius, size.half_width - size.radius
-    speed = 2 * size.motor_speed  # [m/s] for a motor value of 1
-    body = *room, size.wheel_base, speed, size.radius, size.nose, size.contact_margin
-    path = how.wall == "refuses", how.felt == "pushed", how.path == "arc"
+def task_numbers(batch: KinematicBatch) -> Any:
+    """Returns the numbers of a task that the compiled loop reads, see `equations.simulate`."""
+    rules = batch.rules
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
     numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
-    task = smells, sees, *numbers, nose.form == "printed"
-    seconds = CONTROL_TIMESTEP / how.pieces
-    return tuple(map(float, body)), (*path, seconds, how.pieces), task
+    return smells, sees, *numbers, nose.form == "printed"

@@ -58,8 +58,8 @@ class Experiment:
       device: Device on which brains and simulator compute: "cpu", or a GPU, such as "cuda" or
         "cuda:1". A GPU needs the kinematic simulator or MuJoCo Warp. Lives differ between devices,
         because random numbers and rounding do.
-      backend: Library that computes the paper's brain: "torch", or "numba", which also computes the
-        kinematic simulator (docs/performance.md). Lives with the two differ by rounding.
+      backend: "torch", or "numba", which compiles the kinematic simulator, and the paper's brain
+        (docs/performance.md). Lives with the two differ by rounding.
       signals: Observation set of agents: "paper", or "raw" with smell and reward before they
         saturate (see `agents.signals`). For brains, the parameters `raw_signals` and `raw_reward`
         set this.
@@ -111,8 +111,8 @@ class Experiment:
             ),
             "the physics 'warp' needs the body 'mujoco'": warp and kinematic,
             "the backend 'numba' does not compute on a GPU or in Warp": numba and self.on_tensors,
-            "the backend 'numba' has the paper's ingredients only, unlike this brain": (
-                numba and not self.brain.compilable
+            "the backend 'numba' compiles the paper's brain only, unlike this one, in MuJoCo": (
+                numba and not kinematic and not self.brain.compilable
             ),
             "kinematics need the body 'kinematic'": (
                 not kinematic and self.kinematics != Kinematics()
