@@ -1,4 +1,4 @@
-"""The named brains: the paper's, `steady`, `steady` without one ingredient, and `recurrent`."""
+"""The named brains: the paper's, `steady`, `constant`, `recurrent`, one ingredient left out."""
 
 from __future__ import annotations
 
@@ -45,6 +45,12 @@ STEADY = Parameters(
     epsilon_decay_steps=24000,
 )
 
+# A life that changes needs learning and exploration that do not end. The rate is the best of three
+# in the life `senses` (docs/studies/adaptation.md).
+_CONSTANT = dataclasses.replace(
+    STEADY, learn_rate=0.0006, initial_learn_rate=None, initial_epsilon=None
+)
+
 # The ingredients of STEADY: fields that are reset to the paper's to remove one of them.
 INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -74,6 +80,7 @@ BRAINS: Mapping[str, Parameters] = MappingProxyType(
     {
         "paper": Parameters(),
         "steady": STEADY,
+        "constant": _CONSTANT,
         **{f"steady-{ingredient}": _without(ingredient) for ingredient in INGREDIENTS},
         "recurrent": dataclasses.replace(STEADY, context_neurons=10),
     }

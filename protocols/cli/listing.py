@@ -29,8 +29,9 @@ _TASKS = {
 _BRAINS = {
     "paper": "The paper's brain.",
     "steady": "Two larger networks with other inputs and another learning rule.",
+    "constant": "`steady` with a constant learn rate and epsilon, for lives that change.",
     **{f"steady-{one}": f"`steady` without its ingredient {one}." for one in INGREDIENTS},
-    "recurrent": "Steady with a recurrent context: units that remember what was sensed.",
+    "recurrent": "`steady` with a recurrent context: units that remember what was sensed.",
 }
 _LIVES = {
     "wall_avoidance": "The paper's: two hours of wall avoidance between two tests.",
