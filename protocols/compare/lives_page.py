@@ -22,6 +22,7 @@ from .study import Page
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_MOST_DRAWN = 6  # learners in a figure
 _ABOUT = (
     "Score: share of time in which a robot reaches what its world rewards, scaled in each phase so "
     "that an untrained robot has 0 and a policy made for the world (in a drift: for one of twelve "
@@ -150,8 +151,8 @@ def _bounds(matrix: Matrix) -> list[list[str]]:
 
 
 def draw(column: Column) -> Figure:
-    """Draws each learner's share of time over the life: its robots thin, their mean thick."""
-    rows = column.ranked()
+    """Draws the best learners' shares of time over the life: robots thin, their mean thick."""
+    rows = column.ranked()[:_MOST_DRAWN]
     figure, axes = style.canvas(1.3 * len(rows) + 0.6, len(rows), 1, sharex=True, sharey=True)
     for axis, row in zip(axes.flat, rows, strict=True):
         hours, points = smoothed(row.curves)
