@@ -247,26 +247,28 @@ def drive(size, how, pose, left, right):
         pose[0] += share * x
         pose[1] += share * y
         x, y = (1 - share) * x, (1 - share) * y  # what the wall prevents
-        meets, crosses = first <= share < 1, second <= share < 1
-        x, y = slip(x, y, (1 - share) * seconds * grip, meets, crosses, wall == SLIPS)
+        if wall == SLIPS and share < 1:
+            x, y = slip(x, y, (1 - share) * seconds * grip, first <= share, second <= share)
+        else:
+            x, y = 0.0, 0.0
     pose[0] = min(max(pose[0] + x, -length), length)
     pose[1] = min(max(pose[1] + y, -width), width)
     return pushing
 
 
 @_body
-def slip(x, y, grip, meets, crosses, slips):
+def slip(x, y, grip, lengthwise, across):
     """Returns how far a robot slips along a wall; see `models.kinematic.slip`.
 
-    `grip` is multiplied by the seconds; `meets` and `crosses` say which walls the robot meets, and
-    `slips` whether the walls let it slip.
+    `grip` is multiplied by the seconds of driving into the wall; `lengthwise` and `across` say
+    whether the robot meets a wall that limits x, and one that limits y.
     """
     square = x * x + y * y
-    if not slips or square == 0:
+    if square == 0:
         return 0.0, 0.0
-    ahead = math.hypot(x if meets else 0.0, y if crosses else 0.0)
+    ahead = math.hypot(x if lengthwise else 0.0, y if across else 0.0)
     kept = max(1 - grip * ahead / square, 0.0)
-    return (0.0 if meets else x * kept), (0.0 if crosses else y * kept)
+    return (0.0 if lengthwise else x * kept), (0.0 if across else y * kept)
 
 
 @_body

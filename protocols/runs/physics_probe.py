@@ -1,4 +1,4 @@
-"""A fingerprint of the physics, by which runs of different versions are told apart."""
+"""A fingerprint of the physics, which distinguishes runs of different versions."""
 
 from __future__ import annotations
 
