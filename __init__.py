@@ -1,7 +1,7 @@
 """Musebot: Mayer's creative robot (IEEE SMC 2004) in MuJoCo.
 
-The tasks load like those of dm_control. Importing this module loads no physics, no torch and no
-OpenGL; it registers the tasks with Gymnasium if that is installed.
+Tasks are loaded as in dm_control. Importing this module loads neither MuJoCo nor torch nor OpenGL;
+it registers the tasks with Gymnasium if that is installed.
 
     import musebot
 
@@ -55,9 +55,9 @@ def load(
     """Returns a task's dm_control environment; called like `dm_control.suite.load`.
 
     Args:
-      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one long episode.
-      task_name: Name of a task in `ALL_TASKS`, or, in the domain "life", the name of a life, such
-        as "drift".
+      domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one episode.
+      task_name: Name of a task in `ALL_TASKS`; in the domain "life", name of a life, such as
+        "drift".
       task_kwargs: Keyword arguments of the task, such as {"random": 1}; see docs/tasks.md.
       environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
         are joined in one array) and `time_limit` (length of an episode in [s]).
@@ -88,7 +88,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       TypeError: An option is unknown.
       ModuleNotFoundError: The extra `brain` is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds another experiment or
-        files that are no run.
+        files other than a run's.
     """
     with _brain_needed():
         return _protocol("cli.run").run(out, quiet=quiet, **options)
@@ -103,8 +103,8 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
 
     Raises:
       ModuleNotFoundError: The extra `brain` is not installed.
-      protocols.errors.InputError: The folder holds no run, none of its robots is finished, or what
-        it holds is damaged, or lacks the networks.
+      protocols.errors.InputError: The folder holds no run, no finished robot, damaged files, or,
+        although `networks` is True, no networks.
     """
     with _brain_needed():
         return _protocol("runs.run_files").read_run(pathlib.Path(out), networks=networks)
@@ -117,7 +117,7 @@ def _protocol(module: str) -> Any:
 
 @contextlib.contextmanager
 def _brain_needed() -> Iterator[None]:
-    """Adds the name of the extra that installs a missing package to its error."""
+    """Makes the error for a missing package name the extra that installs the package."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -129,8 +129,8 @@ def _brain_needed() -> Iterator[None]:
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
     """Registers a task of your own in every interface of this process.
 
-    `musebot.ALL_TASKS` and the other lists stay those of the suite. A task of your own that is
-    registered again, for example after a reload, replaces the former one.
+    `musebot.ALL_TASKS` and the other lists keep only the suite's tasks. If you register a task
+    of your own again, for example after a reload, it replaces the former one.
 
     Args:
       name: Name of the task, in lower case with underscores, such as "my_task".
@@ -144,7 +144,7 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
 
     Raises:
       KeyError: The arena lacks a sensor.
-      TypeError: A setting is unknown, or `rules` is not such a class.
+      TypeError: A setting is unknown, or `rules` is not a subclass of `Rules`.
       ValueError: The name is taken or not like "my_task", a setting is out of range,
         `models.check_arena` refuses the arena, or the rules do not return what they declare.
     """

@@ -190,7 +190,7 @@ def checked(one: dataclasses.Field[Any], value: Any) -> Any:
     Raises:
       ValueError: The value is not allowed.
     """
-    numpy = sys.modules.get("numpy")  # a number of NumPy exists only where NumPy is loaded
+    numpy = sys.modules.get("numpy")  # a NumPy scalar exists only if NumPy is loaded
     if numpy is not None and isinstance(value, numpy.generic):
         value = value.item()
     if value is None and one.metadata["optional"]:
@@ -208,7 +208,7 @@ def described(one: dataclasses.Field[Any]) -> str:
 
 
 class _Short(reprlib.Repr):
-    """A `repr` that reads the beginning of a value only."""
+    """A `repr` that reads only the beginning of a value."""
 
     def __init__(self) -> None:
         super().__init__()

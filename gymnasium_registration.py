@@ -17,8 +17,8 @@ GYMNASIUM_TASKS = {
 }
 
 
-USUAL_STEPS = 1000  # length of an episode
-# Of tasks of one's own: the length of an episode, and the module that registers the task.
+USUAL_STEPS = 1000  # control steps of an episode
+# Users' own tasks: steps of an episode (None: no end), and the module that registers the task.
 EPISODE_STEPS: dict[str, int | None] = {}
 MODULES: dict[str, str] = {}
 
@@ -42,7 +42,7 @@ def register_gymnasium() -> None:
         raise ModuleNotFoundError(
             "gymnasium is not installed; pip install 'musebot[gym]' gets it", name=error.name
         ) from error
-    if not promptless:  # Gymnasium sets it; importing musebot must not change the environment
+    if not promptless:  # Gymnasium sets it; importing musebot must change no environment variable
         os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     kinds = {f"musebot/{name}": task for name, task in GYMNASIUM_TASKS.items()}
     for name, task in {**kinds, LIFE_ID: "life"}.items():

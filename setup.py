@@ -15,7 +15,7 @@ REPOSITORY = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["ur
 
 
 def absolute(match: re.Match) -> str:
-    """Returns a relative link or picture of README as it must be on a package index."""
+    """Returns a relative link or picture of README with an absolute address."""
     before, target = match.groups()
     kind = "raw" if target.endswith((".gif", ".png", ".svg")) else "blob"
     return f"{before}{REPOSITORY}/{kind}/main/{target}"

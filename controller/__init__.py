@@ -1,6 +1,6 @@
 """The robot's brain: an evaluation network and a creative memory. Depends on NumPy and torch.
 
-The parameters and the named brains need no torch; the brains themselves do.
+Parameters, those of the named brains included, need no torch; all other classes do.
 """
 
 from __future__ import annotations

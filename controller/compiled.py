@@ -22,7 +22,7 @@ from .neurocontroller import Neurocontroller
 class CompiledNeurocontroller(Neurocontroller):
     """A `Neurocontroller` on the CPU, compiled by Numba, with the same random numbers and state.
 
-    Its parameters must be `Parameters.compilable`; lives equal those of PyTorch up to rounding.
+    Its parameters must be `compilable`. Its results equal those of PyTorch up to rounding.
 
     Attributes:
       nets: Tuple of five: weights of the evaluation networks, weights of the memories, noise,
@@ -60,7 +60,7 @@ class CompiledNeurocontroller(Neurocontroller):
     def begin_steps(self, steps: int, learning: bool) -> int:
         """Begins `steps` control steps; fewer if the noise patterns must be redrawn earlier.
 
-        Unlike `begin`, it leaves the present step in its place. Returns the number of begun steps.
+        Unlike `begin`, it does not swap the remembered steps. Returns the number of begun steps.
         """
         if self._patterns is not None:
             steps = self._patterns.renew(steps)
@@ -71,9 +71,9 @@ class CompiledNeurocontroller(Neurocontroller):
         """Draws the random numbers of K = `steps` steps, as `Neurocontroller.select` draws them.
 
         Returns:
-          Row in the pool of each idea's pattern, shape (K, B, A), empty without a memory; actions
-          of a random proposer, shape (K, B, A, 2), or of a fixed one, shape (K, 1, A, 2), else
-          empty; index of each robot's exploratory action, -1 for a greedy robot, shape (K, B).
+          Three arrays. Pool rows of the ideas' patterns, shape (K, B, A); empty without a memory.
+          Actions of a random proposer, shape (K, B, A, 2), or of a fixed one, shape (K, 1, A, 2);
+          else empty. Index of each robot's exploratory action, -1 for a greedy robot, shape (K, B).
         """
         robots, count, host = len(self.nets[0]), self.actions, torch.device("cpu")
         rows, proposed, explores = [], [], []

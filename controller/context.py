@@ -1,4 +1,4 @@
-"""Beyond the paper: a recurrent context, units that are further inputs of both networks."""
+"""Beyond the paper: a recurrent context, whose units are further inputs of both networks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class EchoContext:
         x_i <- x_i + r_i (tanh(sum over j of W_ij x_j + sum over k of U_ik s_k) - x_i)
 
     with the network inputs s of that step. So both networks receive what was sensed before the
-    present step. The rates r_i are spaced evenly in the logarithm from `FASTEST` to `SLOWEST`, time
+    present step. The rates r_i are spaced logarithmically from `FASTEST` to `SLOWEST`: time
     constants of 0.2 s to 20 s with control steps of 0.1 s. W and U are drawn uniformly from [-1, 1]
     and never learn; W is scaled to the spectral radius `RADIUS`, U by 1 / sqrt(I).
 

@@ -16,7 +16,7 @@ class CreativeMemory:
       networks: One network for each of B robots.
       optimizer: `Adam` if the parameters have `optimizer` "adam" and `memory_target` "best", else
         `SGD`.
-      patterns: Source of the noise patterns, of which each idea has one.
+      patterns: Source of the noise patterns, one for each idea.
     """
 
     def __init__(
@@ -37,7 +37,7 @@ class CreativeMemory:
         # Adam normalises the step size and would discard the magnitude of the TD error.
         adam = parameters.optimizer == "adam" and parameters.memory_target == "best"
         self.optimizer: Optimizer = Adam(self.networks) if adam else SGD(self.networks)
-        # Numbers of connections, in the order of a pattern: sensor, motor weights (and biases).
+        # Connections in each part of a pattern: hidden, output weights (hidden, output biases).
         self._sizes = [hidden * inputs, 2 * hidden]
         if parameters.noise_on_biases:
             self._sizes += [hidden, 2]
@@ -107,12 +107,12 @@ class CreativeMemory:
 class NoisePatterns:
     """Noise patterns, one for each idea: which connections are noisy, and the sign of the noise.
 
-    A pattern has exactly n = round(share * N) of N connections at +noise or -noise (at least 1 if
-    the share is above 0), and the others at 0; positions and signs are uniform. A pool of `POOL`
-    patterns is drawn at once, every idea takes one of them at random, and the pool is redrawn every
-    `LIFETIME` steps. Each idea is distributed as if drawn individually, but the draws of 50 robots
-    or more take a tenth of the time. Two ideas share a pattern of the pool with a probability of 1
-    in `POOL`, so they are equal more often than individual draws would be.
+    In a pattern, exactly n = round(share * N) of N connections have +noise or -noise (at least 1 if
+    the share is above 0), the others 0; positions and signs are uniform. A pool of `POOL` patterns
+    is drawn at once and redrawn every `LIFETIME` steps; every idea takes a random one of them. Each
+    idea is distributed as if drawn individually, but for 50 robots or more, the draws take a tenth
+    of the time. Two ideas take the same pattern with a probability of 1 in `POOL`, so they are
+    equal more often than individual draws would be.
 
     With fixed connections, each robot's noisy connections are drawn once; a pattern of the pool
     then holds only the signs of their noise.
@@ -150,10 +150,10 @@ class NoisePatterns:
         keys = torch.rand(robots, connections, generator=generator)
         self.fixed = keys.topk(self.noisy, dim=1, largest=False).indices
         self._pool = torch.zeros(self.POOL, self.noisy if robots else connections)
-        self._age = torch.tensor([self.LIFETIME], device="cpu")  # read in every step
+        self._age = torch.tensor([self.LIFETIME], device="cpu")  # the host reads it in every step
 
     def renew(self, steps: int = 1) -> int:
-        """Redraws the pool after `LIFETIME` steps; to be called before each step with draws.
+        """Redraws the pool after `LIFETIME` steps; must be called before each step with draws.
 
         Returns:
           The number of steps for which the pool lasts, from 1 to `steps`.
@@ -196,7 +196,7 @@ class NoisePatterns:
 class HeldNoisePatterns:
     """Noise patterns that ideas keep for several steps, or for life.
 
-    The paper says how much noise an idea has, not when it is drawn anew.
+    The paper says how much noise an idea has, not when the noise is drawn anew.
     """
 
     def __init__(self, patterns: NoisePatterns, count: int, steps: int) -> None:
@@ -210,11 +210,11 @@ class HeldNoisePatterns:
         self._patterns = patterns
         self._steps = steps
         self._held = torch.zeros(count, patterns.connections)
-        # Steps before the next draw, -1 for life; read in every step.
+        # Steps before the next draw, -1 for life; the host reads them in every step.
         self._left = torch.tensor([0], device="cpu")
 
     def renew(self) -> None:
-        """Redraws the patterns every `steps` steps; to be called before each step with draws."""
+        """Redraws the patterns every `steps` steps; must be called before each step with draws."""
         if self._left == 0:
             self._patterns.renew()
             self._held.copy_(self._patterns.draw(len(self._held)))

@@ -102,7 +102,7 @@ def td_target(
     if p.compares_rewards:
         now.record_reward(reward)
         learning = learning * before.rewarded
-    if p.clipped_bootstrap:  # where the reward fell to 0 or below, the state is worth its loss
+    if p.clipped_bootstrap:  # where the reward fell to 0 or below, V is at most the loss
         lost = (now.reward < before.reward) & (now.reward <= 0)
         value = torch.where(lost, torch.minimum(value, before.reward.clamp(min=0)), value)
     if p.reward_form == "difference":

@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 class EpsilonGreedy:
-    """Explores with a random one of the proposed actions, for one step at a time (section 2)."""
+    """Explores with a proposed action drawn at random, for one step at a time (section 2)."""
 
     def __init__(self, generator: torch.Generator) -> None:
         """Takes the random stream of the draws."""
@@ -104,7 +104,7 @@ class Schedule:
             self.value = torch.full((), float(initial))
 
     def update(self, age: int) -> None:
-        """Sets the value after `age` steps of training."""
+        """Sets `value` to that after `age` steps of training."""
         if self._initial is None:
             return
         left = math.exp(-age / self._steps)

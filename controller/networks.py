@@ -1,7 +1,7 @@
-"""One-hidden-layer networks, one for each of B robots, and how they follow gradients (section 3).
+"""One-hidden-layer networks, one for each of B robots, and their optimizers (section 3).
 
 The networks with logistic hidden neurons and the plain gradient step are the paper's; hyperbolic
-tangents and Adam are beyond it.
+tangents and Adam go beyond it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 import torch
 from torch import Tensor
 
-Rate = float | Tensor  # a learn rate; a tensor of shape () where a captured step reads it
+Rate = float | Tensor  # a learn rate; a tensor of shape () for steps captured as CUDA graphs
 
 
 @dataclasses.dataclass(frozen=True)

@@ -100,8 +100,8 @@ class Neurocontroller:
 
         Args:
           state: Sensor signals, shape (B, S).
-          explore: Whether to explore with `epsilon`, the probability in training, and not with
-            `test_epsilon`.
+          explore: Whether the probability of exploratory actions is `epsilon`, as in training; if
+            False, it is `test_epsilon`.
 
         Returns:
           Motor values in [-0.5, 0.5], shape (B, 2).
@@ -113,7 +113,7 @@ class Neurocontroller:
         """Learns from the previous step and from the reward for its action (Eq. 1, section 3).
 
         Args:
-          reward: Reward sensed with the state last given to `act`, shape (B,).
+          reward: Reward for the previous action, sensed in the present step, shape (B,).
 
         Returns:
           The TD error, shape (B,); 0 for a robot without a previous step.
@@ -122,13 +122,13 @@ class Neurocontroller:
         self.end()
         return error
 
-    # `select` and `update` are the work of `act` and `learn` on the device: a GPU captures and
-    # replays them (see `protocols.runs.device`). `begin` and `end` are the host's part.
+    # `select` and `update` do the work of `act` and `learn` on the device; on a GPU, they are
+    # captured and replayed (see `protocols.runs.device`). `begin` and `end` do the host's part.
 
     def begin(self) -> bool:
         """Begins a control step: the present step becomes the previous one.
 
-        Redraws noise patterns that are due, and sets epsilon and learn rate by the robots' age.
+        Redraws noise patterns that are due, and sets epsilon and learn rate for the robots' age.
 
         Returns:
           Which of the two remembered steps is the present one: True and False alternate.
@@ -166,7 +166,7 @@ class Neurocontroller:
         error = self.evaluation.learn(before.state, action, target, learning, rate)
         if self.memory is None or p.repeats_itself:
             return error
-        if p.memory_target == "selected":  # at the TD error as learn rate (section 3)
+        if p.memory_target == "selected":  # with the TD error as learn rate (section 3)
             self.memory.learn(before.state, before.action, error)
         else:  # beyond the paper, the best proposed action
             self.memory.learn(before.state, before.best_action, learning, rate)
@@ -233,10 +233,10 @@ class Neurocontroller:
         return self.evaluation.values(inputs, self._encoding.motors(actions))
 
     def networks(self) -> dict[str, Tensor]:
-        """Returns all weights and biases by name, as "evaluation.hidden_weights", shapes (B, ...).
+        """Returns all weights and biases by name (as "evaluation.hidden_weights"), shapes (B, ...).
 
-        The connections of a recurrent context are among them, as "context.recurrent_weights" and
-        "context.input_weights", and the indices of fixed noisy connections, as "noise.fixed".
+        Also returns the connections of a recurrent context ("context.recurrent_weights" and
+        "context.input_weights") and the indices of fixed noisy connections ("noise.fixed").
         """
         tensors = _prefixed("evaluation", self.evaluation.networks.tensors())
         if self.memory is not None:

@@ -16,10 +16,10 @@ NoisyConnections = Literal["anew", "fixed"]
 Proposer = Literal["fixed", "random", "creative"]
 PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
 
-# Far beyond what can be of use: a number above it is a slip, and would hang or overflow.
+# Far beyond useful values: a larger number is a typing error, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6
 _LARGEST, _LONGEST = 1000, 10**9
-# With other values of these it is still the paper's brain, which can be compiled.
+# Numba can compile the paper's brain with other values of these fields.
 _COMPILED = ("evaluation_hidden", "learn_rate", "discount", "epsilon", "fixed_motors", "ideas")
 _COMPILED += ("memory_hidden", "noise", "noisy_share", "noisy_connections", "initial_range")
 
@@ -38,7 +38,7 @@ class Parameters(Checked):
       epsilon: Probability of an exploratory action in a step of training (section 3).
       test_epsilon: Probability of an exploratory action in the tests before and after training
         (not stated in the paper).
-      fixed_motors: Motor values; the fixed proposer's actions are all their pairs (left, right)
+      fixed_motors: Motor values whose pairs (left, right) are the fixed proposer's actions
         (section 3).
       ideas: Number of actions proposed per step by the random and the creative proposer
         (section 3).
@@ -76,7 +76,7 @@ class Parameters(Checked):
       memory_target: Action that the memory learns: the "selected" one, with the TD error as learn
         rate (section 3), or the "best" of the proposed ones, with `learn_rate`.
       random_share: Share of the creative proposer's ideas that are drawn uniformly at random; their
-        number is rounded to the nearest whole number, and at least one idea is the memory's.
+        number is rounded to the nearest whole number; at least one idea is from the memory.
       exploration_steps: Longest duration in steps of an exploratory action. Above 0: a random
         motor pair, held for 1 to `exploration_steps` steps. At 0: one of the proposed actions, for
         one step (section 2).
@@ -136,7 +136,7 @@ class Parameters(Checked):
 
     @property
     def repeats_itself(self) -> bool:
-        """Whether the memory would learn its own main idea, the only candidate, in every step.
+        """Whether the memory would learn its own output without noise, because it is the only idea.
 
         The memory then does not learn: Adam would turn rounding errors into full steps.
         """

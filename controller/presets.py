@@ -1,4 +1,4 @@
-"""The named brains: the paper's, `steady`, `constant`, `recurrent`, one ingredient left out."""
+"""The named brains: `paper`, `steady`, `constant`, `recurrent`, `steady` minus an ingredient."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ STEADY = Parameters(
     # The outcome of an exploratory action must not lower the value of the action before it. With
     # advantage learning it would do so in every step.
     bootstrap="max",
-    # "No smell" is one state whether the smell was just lost or never sensed: its value must not
-    # exceed the loss. Leaving a wall must not compensate for touching it.
+    # "No smell" is the same state after a loss as if nothing was ever smelled: its value must not
+    # exceed the loss. Nor must leaving a wall compensate for touching it.
     clipped_bootstrap=True,
     # Over 0.1 s the values of driving and standing differ by less than the network's error.
     advantage_scale=0.8,
@@ -45,13 +45,13 @@ STEADY = Parameters(
     epsilon_decay_steps=24000,
 )
 
-# A life that changes needs learning and exploration that do not end. The rate is the best of three
+# In a life that changes, learning and exploration must not end. The learn rate is the best of three
 # in the life `senses` (docs/studies/adaptation.md).
 _CONSTANT = dataclasses.replace(
     STEADY, learn_rate=0.0006, initial_learn_rate=None, initial_epsilon=None
 )
 
-# The ingredients of STEADY: fields that are reset to the paper's to remove one of them.
+# The ingredients of STEADY, and the fields that are reset to the paper's values to remove each.
 INGREDIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "hidden_neurons": ("evaluation_hidden", "memory_hidden", "activation"),

@@ -10,7 +10,7 @@ class Step:
     """What B robots sensed and selected in one control step.
 
     One object records many steps; each overwrites the one before. Before the first, `chained` is 0.
-    Only a detailed step has `best_action` to `rewarded`, which the paper's brain does not need.
+    Only a detailed step has the attributes from `best_action` on; the paper's brain needs none.
 
     Attributes:
       state: Network inputs, shape (B, I).
@@ -50,7 +50,7 @@ class Step:
           selected: Indices of the selected actions, shape (B,).
           best: Indices of the best proposed actions, shape (B,).
         """
-        self.state.copy_(state)  # the caller may overwrite its own
+        self.state.copy_(state)  # the caller may overwrite its tensor
         self.action.copy_(actions[self._rows, selected])
         self.value.copy_(values[self._rows, selected])
         self.chained.fill_(1)

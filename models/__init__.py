@@ -1,4 +1,4 @@
-"""The bodies: MJCF of the robot and its arena, edits of both, and the kinematic simulator."""
+"""Robot and arena: MJCF files, edits of them, and the kinematic simulator."""
 
 from . import working_directory as working_directory  # first, before MuJoCo is imported
 

@@ -1,7 +1,7 @@
 """Loading of robot and arena: from MJCF to a compiled model and its dimensions.
 
 `robot.xml` and `arena.xml` hold every dimension. `arena_spec` edits the motors for experiments;
-`Dimensions.of` reads back from a compiled model what Python needs.
+`Dimensions.of` reads the dimensions that Python code needs from a compiled model.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ ARENA_XML = Path(__file__).with_name("arena.xml")
 # dm_control 1.0.50 reads fields of MjModel that MuJoCo renames in almost every release.
 _MUJOCO = (3, 17)
 
-# Seven to ten times what robots reach that drive into walls and obstacles: 0.9 mm and 3 degrees.
+# Bounds: several times the height and tilt of robots that drive into walls and obstacles.
 _HEIGHT = 0.01  # [m]
 _TILT = math.sin(math.radians(20) / 2)  # of the quaternion's i and j
-FASTEST = 10  # [m/s]; of a wheel
+FASTEST = 10  # [m/s]; largest `motor_speed`
 
 
 def check_versions() -> None:
-    """Raises ImportError if this MuJoCo does not work with dm_control."""
+    """Raises ImportError if the installed MuJoCo does not work with dm_control."""
     if tuple(int(part) for part in mujoco.__version__.split(".")[:2]) != _MUJOCO:
         wanted = ".".join(map(str, _MUJOCO))
         raise ImportError(
@@ -58,7 +58,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.
         for motor in spec.actuators:
-            radius = spec.body("left_wheel").pos[2]  # the axle's height: of the tyre under load
+            radius = spec.body("left_wheel").pos[2]  # the axle's height: the loaded tyre's radius
             gear = 0.5 * radius / motor_speed
             scale = motor.gear[0] / gear
             motor.gear[0] = gear
@@ -70,7 +70,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 def check_arena(model: mujoco.MjModel) -> None:
     """Raises ValueError unless a compiled arena has what the tasks place, drive and measure.
 
-    The arena must have no other joints, actuators or mocap bodies. `Rules.of` finds the sensors.
+    The arena must have no other joints, actuators or mocap bodies. `Rules.of` checks the sensors.
     """
     for kind, names in _NEEDED.items():
         for name in names:
@@ -122,7 +122,7 @@ def robot_qpos(pose: np.ndarray) -> np.ndarray:
 
 
 def robot_pose(qpos: np.ndarray) -> np.ndarray:
-    """Returns the pose of a robot, shape (..., 3), the inverse of `robot_qpos`."""
+    """Returns the poses of robots, shape (..., 3); the inverse of `robot_qpos`."""
     pose = np.empty((*qpos.shape[:-1], 3))
     pose[..., :2] = qpos[..., :2]
     pose[..., 2] = heading(*(qpos[..., number] for number in range(3, 7)))
@@ -130,7 +130,7 @@ def robot_pose(qpos: np.ndarray) -> np.ndarray:
 
 
 def heading(w: Any, i: Any, j: Any, k: Any) -> Any:
-    """Returns the heading in [rad] of a quaternion: the direction of its x axis from above."""
+    """Returns the heading in [rad] of a quaternion: the x axis as seen from above."""
     return np.arctan2(2 * (w * k + i * j), 1 - 2 * (j * j + k * k))
 
 
@@ -180,7 +180,7 @@ class Dimensions:
     def check_standing(self, states: np.ndarray, *others: np.ndarray) -> None:
         """Raises ValueError unless robots stand in the arena, and all numbers are finite.
 
-        The states begin with time and qpos, shape (B, n).
+        Each row of `states`, shape (B, n), begins with time and qpos.
         """
         finite = all(np.isfinite(one).all() for one in (states, *others))
         if not (finite and self.sound(states[:, 1:7]).all()):
@@ -194,10 +194,10 @@ class Dimensions:
         """Reads the dimensions of a compiled arena with its robot.
 
         Raises KeyError where the arena lacks a body, geom, site or actuator; ValueError where an
-        obstacle has no geom, lies in another body, or its largest geom is not at its centre.
+        obstacle has no geom, lies in another body, or has its largest geom off its centre.
         """
         bumper = model.geom("bumper")
-        wheel_radius = float(model.body("left_wheel").pos[2])  # the axle's height, under load
+        wheel_radius = float(model.body("left_wheel").pos[2])  # the loaded tyre's radius
         half_length, half_width = half_size(model)
         return cls(
             half_length=half_length,

@@ -11,7 +11,7 @@ import numpy as np
 from .arena import arena_spec
 
 OBSTACLES = ((-0.22, 0.11, 0.05), (0.05, -0.14, 0.06), (0.27, 0.10, 0.04))  # x, y, radius in [m]
-NOSE_ANGLE = np.pi / 6  # [rad] off the front: position and direction of each of two noses
+NOSE_ANGLE = np.pi / 6  # [rad] from the front, at which each of two noses sits and points
 
 
 def hide_spot(spec: mujoco.MjSpec) -> None:

@@ -1,4 +1,4 @@
-"""Gymnasium's renderer of the arena. Imported for the first picture only: it loads GLFW."""
+"""Gymnasium's renderer of the arena. Imported only for the first picture: it loads GLFW."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class ArenaRenderer(MujocoRenderer):
         )
 
         self._free = weakref.finalize(self, _free, self._viewers)
-        self._free.atexit = False  # that would come after the display's end
+        self._free.atexit = False  # else it would run after the display's end
 
     def render(self, render_mode: str | None) -> Any:
         """Draws the window, or returns a picture; see Gymnasium's `MujocoRenderer`."""
@@ -50,13 +50,13 @@ class ArenaRenderer(MujocoRenderer):
         check_process()
         leave_egl()
         super().render(render_mode)
-        # EGL refuses a thread that has a window's context.
+        # EGL refuses a thread with a current window context.
         glfw.make_context_current(None)  # type: ignore[arg-type]
 
     def _get_viewer(self, render_mode: str | None) -> Any:
         viewer = super()._get_viewer(render_mode)
-        # For an environment that nobody closes. The last one registered is called first: before the
-        # display's end, which the display's first context has just registered.
+        # For an environment that nobody closes. Exit handlers run in reverse order: this one before
+        # the display's, which the display's first context has just registered.
         atexit.unregister(self._free)
         atexit.register(self._free)
         viewer.make_context_current()  # Gymnasium does so only with several viewers of its own
@@ -69,7 +69,7 @@ class ArenaRenderer(MujocoRenderer):
 
 
 def _free(viewers: dict[str, Any]) -> None:
-    # Gymnasium's own method also stops GLFW, which destroys the contexts of all others.
+    # Gymnasium's own method also stops GLFW, which destroys the contexts of all other code.
     for mode, viewer in viewers.items():
         if mode == "human":
             leave_egl()

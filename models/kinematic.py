@@ -1,9 +1,9 @@
 """The kinematic simulator: an ideal differential drive without mass, between the same walls.
 
-It has the floor, the walls and the sensors of the MuJoCo body, so that a comparison of both
-separates the effects of physics from those of the brain. The functions take arrays of NumPy, or
-tensors of PyTorch on any device, and return the same kind: poses (x, y in [m], heading in [rad]) of
-shape (B, 3) and motor values, left and right, in [-0.5, 0.5], of shape (B, 2).
+It has the floor, the walls and the sensors of the MuJoCo body, so that comparing the two separates
+the effects of physics from those of the brain. The functions take arrays of NumPy, or tensors of
+PyTorch on any device, and return the same kind. Poses are x, y in [m] and heading in [rad], shape
+(B, 3). Motor values are left and right, in [-0.5, 0.5], shape (B, 2).
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ WALLS: tuple[Wall, ...] = get_args(Wall)
 Felt = Literal["near", "pushed"]
 Path = Literal["arc", "euler"]
 
-# Friction of both tyres, with the robot on them, over the drag of both motors, in [m/s]: by as much
-# a wall straight ahead slows the wheels (docs/physics.md).
+# Friction force of the loaded tyres divided by the loss of motor force per speed, in [m/s]: a wall
+# straight ahead slows the wheels by up to this speed (docs/physics.md).
 GRIP = 0.436
 
 
@@ -39,8 +39,9 @@ class Kinematics(Checked):
         the wall as the tyres of the MuJoCo body do, by Coulomb's law. "refuses": a move that would
         overlap a wall is not made, not even in part; the robot still turns.
       felt: Condition for contact. "near": the gap between rim and wall is within the contact
-        margin. "pushed": the wheels push the robot into a wall. MuJoCo is similar: a wall pushes
-        away a robot that stands or spins. With the wall "refuses", "pushed" means a refused move.
+        margin. "pushed": the wheels push the robot into a wall or, with the wall "refuses", a move
+        is refused. "pushed" resembles MuJoCo, where a wall pushes away a robot that stands or
+        spins.
       any_contact: Whether contact at any time of a control step counts; otherwise only contact at
         the end of the step counts.
       lag: Time constant in [s] with which the wheels' speed follows the motor values; 0 for no lag.
@@ -77,8 +78,8 @@ def follow_motors(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns the mean and the final speeds of wheels that follow their motors for some seconds.
 
-    `wheels` are the speeds at the start, `lag` the time constant in [s]. Speeds are in motor
-    values, left and right, shape (B, 2).
+    `wheels` are the speeds at the start, `lag` the time constant in [s]. Speeds are expressed as
+    motor values, left and right, shape (B, 2).
     """
     if not lag:
         return motors, motors
@@ -127,8 +128,8 @@ def drive(
 def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
     """Returns how far robots slip along a wall, by Coulomb's law: x, y in [m], shape (2, B).
 
-    The wall takes the part of the tyres' force that points to it. What is left drives the wheels,
-    and the robot along the wall, see docs/physics.md. In a corner, between two walls, it is held.
+    The tyres slip perpendicular to the wall; their friction slows the wheels (docs/physics.md).
+    Only motion along the wall remains. In a corner, between two walls, the robot stays.
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).

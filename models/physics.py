@@ -40,8 +40,8 @@ class Physics(mujoco.Physics):
     def step(self, nstep: int = 1) -> None:
         """Simulates substeps, of which only the last evaluates sensors, as in the batch.
 
-        The solver starts without a guess before the first and the last substep, so that results
-        depend on the state alone. A step sets flags of the model: copies that share it need one
+        The solver has no warm start in the first and the last substep, so that results depend on
+        the state alone. A step sets flags of the model: copies that share a model must share a
         thread.
         """
         model, data = self.model.ptr, self.data.ptr
@@ -112,7 +112,7 @@ class Physics(mujoco.Physics):
     def restore(self, state: np.ndarray, sensordata: np.ndarray) -> None:
         """Restores what `get_state(INTEGRATION)` and `data.sensordata` returned."""
         self.set_state(state, INTEGRATION)
-        self.forward()  # for pictures; it overwrites what the last step has left
+        self.forward()  # for pictures; what it overwrites is restored below
         self.set_state(state, INTEGRATION)
         self.data.sensordata[:] = sensordata
 

@@ -18,8 +18,8 @@ from typing import Any
 
 import mujoco
 
-_drew = False  # whether musebot opened OpenGL in this process or in one that it was forked from
-_forked = False  # whether this process was forked after anybody opened OpenGL
+_drew = False  # whether musebot opened OpenGL here, or in a process from which this one was forked
+_forked = False  # whether this process was forked after any code opened OpenGL
 
 
 def _note_fork() -> None:
@@ -57,7 +57,7 @@ def load_triton() -> None:
         importlib.import_module("triton")
 
 
-if os.environ.get("MUJOCO_GL") == "egl":  # then dm_control opens it now
+if os.environ.get("MUJOCO_GL") == "egl":  # then the import of dm_control opens EGL
     load_triton()
 try:
     with warnings.catch_warnings():
@@ -140,7 +140,7 @@ def open_context(width: int, height: int) -> Any:
 
 
 class _Shared:
-    """A context of dm_control's in a process where other code opens OpenGL contexts, too.
+    """A dm_control context for a process in which other code opens OpenGL contexts, too.
 
     dm_control only remembers which of its own contexts is current, and in which thread. A context
     of EGL is released after each picture, so that the next may be drawn in any thread.
@@ -168,10 +168,10 @@ def _egl_context() -> type:
         from dm_control._render.pyopengl.egl_renderer import EGLContext
         from mujoco.egl import GLContext
 
-        # Gymnasium's contexts are of this class. Its first one registers the end of the display
-        # that all contexts share, which must come after the end of each of them.
+        # Gymnasium's contexts are of this class. The first context registers the exit handler of
+        # the display that all contexts share. Registered first, the handler runs last.
         GLContext(1, 1).free()
-    except Exception as error:  # drivers and PyOpenGL each raise their own
+    except Exception as error:  # drivers and PyOpenGL each raise their own kinds
         raise RuntimeError(no_egl(error)) from error
     return EGLContext
 

@@ -1,4 +1,4 @@
-"""Errors, each with a text of one sentence, and texts that suggest a remedy."""
+"""Errors whose text is one sentence, and functions that suggest remedies."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 
-# Modules of packages that an extra installs; those of its other requirements are not listed.
+# Modules that an extra installs (pip install 'musebot[EXTRA]'), by extra; not all are listed.
 _EXTRAS = {
     "baselines": "stable_baselines3",
     "brain": "PIL imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy torch",
@@ -24,7 +24,7 @@ class InputError(Exception):
 
 
 class DamagedFileError(InputError):
-    """A file of a run is truncated, altered or foreign; the text names it."""
+    """A file is truncated, altered or not one of musebot's; the text names it."""
 
 
 class RunError(Exception):
@@ -36,14 +36,14 @@ class Interrupted(Exception):
 
 
 def check_name(what: str, name: object, known: Iterable[str]) -> None:
-    """Raises InputError unless a name is in `known`; `what`, such as "task", says what it names."""
+    """Raises InputError unless `name` is in `known`; `what` is the kind of name, as "task"."""
     names = [*known]
     if name not in names:
         raise InputError(f"there is no {what} {name!r:.60}; {nearest(str(name), names)}")
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Returns the question whether a similar name was meant, or else the list of all names."""
+    """Returns "did you mean ...?" with similar names, or, without any, the list of all names."""
     names = [*known]
     if question := similar(name, names):
         return question
@@ -51,10 +51,10 @@ def nearest(name: str, known: Iterable[str]) -> str:
 
 
 def similar(name: str, known: Iterable[str]) -> str:
-    """Returns the question whether a similar name was meant; "" if no known name is similar.
+    """Returns "did you mean ...?" with at most three similar names; "" if no name is similar.
 
-    Names that begin with the given one come first. Dashes in front are not compared: with them, all
-    options would be similar.
+    Names that begin with the given one come first. Leading dashes are not compared: they would
+    make all options similar.
     """
     name = name.lstrip("-")
 
@@ -69,7 +69,7 @@ def similar(name: str, known: Iterable[str]) -> str:
 
 
 def missing_extra(error: ImportError) -> str:
-    """Returns how to install the extra that has a missing module; else the error's own text."""
+    """Returns how to install the extra with the missing module, or else the error's own text."""
     module = (error.name or "").partition(".")[0]
     for extra, modules in _EXTRAS.items():
         if isinstance(error, ModuleNotFoundError) and module in modules.split():

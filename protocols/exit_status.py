@@ -13,7 +13,7 @@ from collections.abc import Callable
 
 from .errors import InputError, Interrupted, RunError, missing_extra
 
-# What the system says of a path that cannot be what the user takes it for.
+# Error numbers of the system that mean a wrong path, and so bad input.
 _BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
 
 
@@ -29,7 +29,7 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
     """
     try:
         os.getcwd()
-    except FileNotFoundError:  # without one, torch ends the process where it is imported
+    except FileNotFoundError:  # without one, importing torch would end the process
         return complain("the working directory was deleted", 2)
     try:
         if check:

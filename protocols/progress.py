@@ -19,21 +19,21 @@ from .terminal import notice, printable, say_if_possible
 
 Step = TypeVar("Step")
 
-# Seconds to the first line in a file; each pause is twice the one before, up to a minute.
+# Seconds until the first line where there is no bar; then the pause doubles, up to a minute.
 _FIRST, _MINUTE = 5.0, 60.0
 
 
 def _draws_bars() -> bool:
     """Returns whether stderr is a terminal that can draw a bar."""
-    with contextlib.suppress(AttributeError, ValueError):  # none, a replacement, or closed
+    with contextlib.suppress(AttributeError, ValueError):  # stderr is None, replaced, or closed
         return sys.stderr.isatty() and not Console(stderr=True).is_dumb_terminal
     return False
 
 
 def tracked(steps: Iterable[Step], what: str, count: int | None = None) -> Iterable[Step]:
-    """Yields steps of about equal length in this process, with a bar on a terminal.
+    """Yields steps that take about equal times, and shows a bar on a terminal.
 
-    `what` describes the steps. `count` is their number; None if they have a length.
+    `what` describes the steps. `count` is their number; None if `steps` has a length.
     """
     console = Console(stderr=True)
     return track(steps, escape(printable(what)), count, console=console, disable=not _draws_bars())
@@ -66,7 +66,7 @@ class JobProgress:
         """
         self._costs, self._robots, self._watcher = costs, robots, watcher
         self._done: dict[int, float] = {}
-        self._first: dict[int, float] = {}  # the speed does not count earlier calls
+        self._first: dict[int, float] = {}  # done by earlier commands; no part of the speed
         self._lines = not (quiet or _draws_bars())
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),

@@ -26,7 +26,7 @@ from safetensors.numpy import save
 from ..fields import shown
 from .errors import DamagedFileError, InputError, RunError
 
-_MOST_BYTES_OF_PATH = 1000  # of OUT
+_MOST_BYTES_OF_PATH = 1000  # of OUT, the folder named by the user
 _MOST_BYTES = 2**24  # of a text or of JSON; a larger file is not read
 _BITS = {"float": (16, 32, 64), "int": (8, 16, 32, 64), "uint": (8, 16, 32, 64)}
 DTYPES: Mapping[np.dtype, str] = MappingProxyType(
@@ -36,12 +36,12 @@ DTYPES: Mapping[np.dtype, str] = MappingProxyType(
 """Dtypes that a file can hold, and their names in safetensors."""
 
 Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
-"""The dtype, as safetensors names it, and the shape of each array of a file."""
+"""Dtype (as safetensors names it) and shape of each array of a file, by the array's name."""
 
-_DIGEST = "digest"  # of a file of JSON, in it
-# A temporary file of an interrupted write: no name that anything else would give to a file.
+_DIGEST = "digest"  # key of a JSON file's digest, which is in the file
+# Name of a temporary file, which an interrupted write leaves; nothing else has such names.
 _DRAFT = re.compile(r"\.(.*)\.[0-9a-f]{16}\.musebot", re.DOTALL)
-_LONGEST = 40  # characters of a name that its temporary file repeats, for every file system
+_LONGEST = 40  # characters of a file's name in that of its temporary file; long names can fail
 
 
 # ---- Checks before the work ----
@@ -58,7 +58,7 @@ def check_place(path: Path) -> None:
 
 
 def resolved(path: Path) -> Path:
-    """Returns the absolute path to which links lead; raises InputError if they form a circle."""
+    """Returns the absolute path with links resolved; raises InputError if they form a circle."""
     try:
         return path.resolve()
     except RuntimeError as error:  # an OSError since Python 3.13
@@ -66,7 +66,7 @@ def resolved(path: Path) -> Path:
 
 
 def resolved_file(path: Path) -> Path:
-    """Returns the absolute path of a file; resolves links of its folder, but not its own."""
+    """Returns a file's absolute path with links in its folder resolved; the file may be a link."""
     return resolved(path.parent) / path.name
 
 
@@ -78,7 +78,7 @@ def check_folder(path: Path) -> None:
     try:
         while not path.exists():
             path = path.parent
-    except OSError as error:  # of a folder above that cannot be searched
+    except OSError as error:  # a folder above cannot be searched
         raise InputError(f"{path} cannot be used ({error.strerror})") from error
     if not path.is_dir():
         raise InputError(f"{path} is not a folder")
@@ -98,7 +98,7 @@ def check_own_folder(path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(directory: Path) -> Iterator[None]:
-    """Makes a folder, and keeps other processes of musebot from working in it in this context.
+    """Makes a folder, and keeps other musebot processes out of it while this context lasts.
 
     Raises:
       InputError: another process works in the folder, or it is a link or a file.
@@ -128,13 +128,13 @@ def locked(directory: Path) -> Iterator[None]:
 def write_atomically(path: Path, content: bytes) -> None:
     """Writes a file so that readers, even after a crash, find the whole old or the whole new file.
 
-    The file's folder is made only in an existing folder, so that a checkpoint does not make the
-    folder of a run that was moved away again. A link at `path` is replaced.
+    The file's folder is made only if the folder above it exists: after a run's folder was moved
+    away, a checkpoint must not make a new one. A link at `path` is replaced.
 
     Raises:
       InputError: the folder is a link or a file.
-      OSError: the file cannot be written. The old one is then untouched, unless only the last
-        flush failed, after the rename.
+      OSError: the file cannot be written. The old file then remains, unless only the flush after
+        the rename failed.
     """
     folder, draft = path.parent, path.with_name(draft_name(path.name))
     try:
@@ -150,14 +150,14 @@ def write_atomically(path: Path, content: bytes) -> None:
         finally:
             with contextlib.suppress(FileNotFoundError):
                 os.unlink(draft)
-        # The rename too must survive a power failure, before anything older is removed.
+        # The rename, too, must survive a power failure before anything older is removed.
         handle = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(handle)
         finally:
             os.close(handle)
     except OSError as error:
-        # A rename names a temporary file, and calls on descriptors name none.
+        # A rename's error names the temporary file, and a descriptor's error names none.
         raise OSError(error.errno, error.strerror, str(path)) from error
 
 
@@ -177,9 +177,9 @@ def is_draft(path: Path) -> bool:
 
 
 def remove_drafts(folder: Path, of: str = "") -> None:
-    """Removes the temporary files of interrupted writes from a folder: `of` one file, or of all.
+    """Removes a folder's temporary files of interrupted writes: those of the file `of`, or all.
 
-    No other process may write such files there.
+    No other process may be writing in the folder.
     """
 
     def ours(name: str) -> bool:
@@ -219,8 +219,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     # Not ascontiguousarray, which would turn an array of shape () into one of shape (1,).
     contiguous = {name: np.asarray(array, order="C") for name, array in sorted(arrays.items())}
     text = json.dumps(notes, sort_keys=True)
-    # One entry: safetensors writes several in no fixed order, and equal runs must leave equal
-    # bytes.
+    # One entry: safetensors writes several in no fixed order, but equal runs must give equal bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
     write_atomically(path, save(contiguous, metadata=metadata))
 
@@ -240,10 +239,10 @@ def load_arrays(
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: the file is truncated, altered or foreign.
+      DamagedFileError: the file is truncated, altered, of another kind, or refused by `check`.
       OSError: the file cannot be read.
     """
-    _opened(path).close()  # safetensors calls a file that cannot be opened an invalid one
+    _opened(path).close()  # safetensors would call a file invalid that it cannot open
     arrays: dict[str, np.ndarray] = {}
 
     def each(file: Any) -> Iterator[tuple[str, np.ndarray]]:
@@ -298,7 +297,7 @@ def _opened(path: Path) -> IO[bytes]:
 
 
 def read_whole(path: Path) -> bytes:
-    """Reads a file of at most 16 MiB; raises as `read_json`."""
+    """Reads a file of at most 16 MiB; raises the errors of `read_json`."""
     with _opened(path) as file:
         content = file.read(_MOST_BYTES + 1)
     if len(content) > _MOST_BYTES:
@@ -333,7 +332,7 @@ def _signed(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def parsed(path: Path, text: str | bytes) -> Any:
-    """Returns the value of a text of JSON in UTF-8, which a file holds.
+    """Returns the value of a JSON text (bytes: UTF-8); errors name the text's file, `path`.
 
     Raises:
       DamagedFileError: the text is no JSON, is nested too deeply, or has a number with too many

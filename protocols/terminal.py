@@ -1,4 +1,4 @@
-"""Prints texts without control characters, notices and Markdown."""
+"""Prints texts, notices and Markdown, with control characters escaped."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 from typing import TextIO
 
 _MOST = 2000  # characters of a sentence
-# Control characters, those that change the direction of text, and bytes that are no text.
+# Control and invisible characters, changes of text direction, and bytes that are no text.
 _UNPRINTABLE = re.compile(
     "[\x00-\x1f\x7f-\x9f\u061c\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
 )

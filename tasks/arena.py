@@ -117,7 +117,7 @@ class Task(base.Task):
     def get_observation(self, physics: Physics) -> collections.OrderedDict[str, np.ndarray]:
         """Returns the sensor signals by name, each of shape (n,)."""
         observations = self.rules.observations(physics.readings)
-        # Copies: rules may return parts of the measurements, which the next step overwrites.
+        # Copies: rules may return views of the measurements, which the next step overwrites.
         return collections.OrderedDict([(k, np.array(v[0])) for k, v in observations.items()])
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
@@ -151,9 +151,9 @@ class Task(base.Task):
 
 
 class Environment(control.Environment):
-    """dm_control's environment, with exact copies, exact time limits, and states to save.
+    """dm_control's environment, with exact copies, exact time limits, and saved states.
 
-    As dm_env requires, the first `step`, and the first after the end of an episode, is a reset.
+    As dm_env requires, the first `step`, and the first after an episode's end, act as `reset`.
     """
 
     def __init__(self, physics: Physics, task: Task, flat_observation: bool = False) -> None:
@@ -178,7 +178,7 @@ class Environment(control.Environment):
             self.task.start = self.task.episode.start_with(options)
             timestep = super().reset()
             self.lifecycle.become("failed")  # until the pose has been found stable
-            # dm_control calls it before the pose is in the sensors.
+            # Not in `initialize_episode`, which is called before the pose is in the sensors.
             self.task.check(self.physics)
             self.lifecycle.become("running")
             return timestep
@@ -235,8 +235,8 @@ class Environment(control.Environment):
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues bit-exactly from what `get_state` of an environment of this task returned.
 
-        Raises ValueError for the state of another task or kind of random stream, or of a robot that
-        is not in the arena; nothing has changed then. Raises RuntimeError if closed.
+        Raises ValueError if the state is of another task, of another kind of random stream, or has
+        the robot outside the arena; then nothing has changed. Raises RuntimeError if closed.
         """
         with self.lifecycle.one_thread:
             self.check_state(state, self.task.random)
@@ -305,7 +305,7 @@ class TaskDefinition(Checked):
       name: Name of the task, such as "wall_avoidance".
       rules: Subclass of `Rules` with the task's observations, reward and measured event.
       edits: Functions that change the arena's MjSpec in place, called in this order.
-      limit: Bound of an action's two numbers: `limit` is motor value 0.5, `-limit` is -0.5.
+      limit: Bound of an action's two numbers: `limit` gives motor value 0.5, `-limit` gives -0.5.
       time_limit: Length of an episode in [s]; infinity for an episode without end.
       spot_seconds: Time between two jumps of the spot in [s], a multiple of 0.1; 0 for a spot that
         stays.
@@ -354,7 +354,7 @@ class TaskDefinition(Checked):
         allowed = [*self.keywords, "environment_kwargs", "random", "time_limit"]
         check_keywords(f"task {self.name!r}", settings, allowed)
         kwargs = dict(settings.get("environment_kwargs") or {})
-        # Others would change the control step, which jumps of the spot count, or the physics.
+        # Others would change the physics, or the control step, which times the jumps of the spot.
         check_keywords("the environment", kwargs, ["flat_observation", "time_limit"])
         limits = kwargs.get("time_limit"), settings.get("time_limit"), self.time_limit
         limit = seconds(next(value for value in limits if value is not None))

@@ -31,7 +31,7 @@ _MOST_SUBSTEPS = 10_000
 
 
 def stop_timers() -> bool:
-    """Stops MuJoCo's timers in this process; they take a seventh of a small model's time.
+    """Stops MuJoCo's timers in this process; they take a seventh of a small model's step time.
 
     MuJoCo's bindings time every stage of every step for `data.timer`, which is not used here. The
     clock is a global callback without a public switch. Returns whether the clock was found.
@@ -107,7 +107,7 @@ class Robots(abc.ABC):
 
     @abc.abstractmethod
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        """Places the robots of these indices, shape (n,), at rest, and updates their sensors.
+        """Places the robots with these indices, shape (n,), at rest, and updates their sensors.
 
         Poses are x, y in [m] and heading in [rad], shape (n, 3). Raises ValueError where there is
         no such robot, or the poses have a wrong shape or type.
@@ -135,7 +135,7 @@ class Robots(abc.ABC):
     def arrays(self) -> dict[str, np.ndarray]:
         """Returns everything that the next steps depend on, for a checkpoint.
 
-        On the host, these are the arrays themselves, not copies.
+        A simulator on the host returns the arrays themselves, not copies.
         """
 
     def enter(self, world: World) -> None:
@@ -208,7 +208,7 @@ def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) ->
     given = {}
     for name, target in targets.items():
         value = arrays.get(name)
-        with contextlib.suppress(ValueError):  # parts of different lengths
+        with contextlib.suppress(ValueError):  # raised for parts of different lengths
             array = np.asarray(value)
             if array.shape == target.shape and np.can_cast(array.dtype, target.dtype, "same_kind"):
                 given[name] = array
@@ -257,15 +257,15 @@ class Batch(Robots):
         self._state = np.zeros((robots, size))
         self._control = np.zeros((robots, mujoco.mj_stateSize(model, _CONTROL)))
         self._control[:, model.nu :] = self._scratch.mocap_pos.ravel()
-        # Sensors are read once per control step: only its last substep evaluates them. For each of
-        # the two rollouts: what it leaves out; its controls, states and sensors, allocated once.
+        # Sensors are read once per control step: only its last substep evaluates them. Each of the
+        # two rollouts: flag of what it skips, then controls, states and sensors, allocated once.
         widths = self._control.shape[1], size, model.nsensordata
         self._rollouts = [
             (disabled, *(np.zeros((robots, steps, width)) for width in widths))
             for disabled, steps in ((_SENSORS, self.substeps - 1), (0, 1))
             if steps
         ]
-        self._models = [model] * robots  # rollout's skip_checks needs one per robot
+        self._models = [model] * robots  # rollout's skip_checks needs a model per robot
         self.place(np.arange(robots), np.zeros((robots, 3)))
 
     @property
@@ -371,7 +371,7 @@ _BATCHES: weakref.WeakSet[Batch] = weakref.WeakSet()
 
 
 def _forget_threads() -> None:
-    """Makes batches of a forked process start their own threads, because only one is inherited.
+    """Makes batches start their own threads in a forked process, which inherits only one.
 
     The inherited pools are leaked: their destructor would wait for their threads for ever.
     """

@@ -31,7 +31,7 @@ _REFUSALS: Mapping[Stage, str] = {
     "closed": "the environment is closed",
 }
 _TWO_THREADS = "another thread is in a call of this environment: give each thread one of its own"
-_MOST_STEPS = 2**53  # of an episode without end
+_MOST_STEPS = 2**53  # limit for an episode without end
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Episode:
       task: Name of the task; states of another task are refused.
       start: Places of robot and spot at the start, fixed or random.
       dimensions: Dimensions of robot, arena and spot, which decide the possible places.
-      limit: Bound of an action's two numbers: `limit` is motor value 0.5, `-limit` is -0.5.
+      limit: Bound of an action's two numbers: `limit` gives motor value 0.5, `-limit` gives -0.5.
       spot_steps: Number of control steps between two jumps of the spot to a random place; 0 for a
         spot that stays.
       steps: Number of control steps; infinity for an episode without end.
@@ -63,7 +63,7 @@ class Episode:
 
     @property
     def most_steps(self) -> float:
-        """Largest number of control steps that a state may hold."""
+        """Largest number of control steps that a saved state may hold."""
         return min(self.steps, _MOST_STEPS)
 
     def start_with(self, options: Mapping[str, Any] | None) -> Start:
@@ -79,7 +79,7 @@ class Episode:
         return start
 
     def with_options(self, options: Mapping[str, Any] | None) -> Self:
-        """Returns the episode with the start of `start_with`, and raises what that raises."""
+        """Returns the episode with the start of `start_with`; raises what `start_with` raises."""
         return dataclasses.replace(self, start=self.start_with(options))
 
     @functools.cached_property
@@ -93,7 +93,7 @@ class Episode:
     def leg_of(self, step: int) -> Leg:
         """Returns the stretch of the life that contains control step `step`; at the end, the last.
 
-        Raises ValueError for an episode that is no life.
+        Raises ValueError for an episode that is not a life.
         """
         starts = [*self._legs]
         if not starts:
@@ -152,7 +152,7 @@ class Lifecycle:
     """The states of an environment: "new", then "running" from each reset on, until it fails.
 
     A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever,
-    except in Gymnasium's environment of one robot.
+    except in `ArenaEnv`, which `reset` opens again.
 
     Attributes:
       stage: State of the environment: "new", "running", "failed" or "closed".
@@ -204,7 +204,7 @@ def real_numbers(
     """Returns values as an array; ValueError unless they are real numbers of this shape."""
     try:
         array = np.asarray(values)
-    except ValueError:  # parts of different lengths
+    except ValueError:  # raised for parts of different lengths
         array = np.empty(0)
     sound = array.shape == shape and array.dtype.kind in "fiu"
     if sound and finite:  # Python's function takes a tenth of the time for two numbers
@@ -260,7 +260,7 @@ def set_stream_state(random: Random, state: Any) -> None:
             random.set_state(state)
         else:
             random.bit_generator.state = state
-    except Exception as error:  # NumPy documents none
+    except Exception as error:  # NumPy documents no exceptions
         raise ValueError(f"state must hold the state of such a random stream ({error})") from error
 
 
@@ -287,7 +287,7 @@ def check_state(state: Any, like: Mapping[str, Any]) -> None:
 
 
 def check_counts(name: str, counts: Iterable[Any], most: Iterable[float]) -> None:
-    """Raises ValueError unless counts in a state are whole numbers from 0 to those in `most`."""
+    """Raises ValueError unless each count in a state is a whole number from 0 to its `most`."""
     for count, limit in zip(counts, most, strict=True):
         whole = isinstance(count, int | np.integer) and not isinstance(count, bool)
         if not whole or not 0 <= count <= limit:

@@ -58,7 +58,7 @@ class KinematicBatch(Robots):
         return self._equations is not None
 
     def compile(self) -> None:
-        """Lets Numba compute the next steps, if it has the equations of these robots' sensors."""
+        """Lets Numba compute the next steps, if its equations fit the sensors of these robots."""
         from .. import compiled_equations as equations
 
         layout = self.rules.layout
@@ -70,7 +70,7 @@ class KinematicBatch(Robots):
     def compiled_arguments(self) -> tuple[Any, Any, Any]:
         """Returns what the compiled equations read: two tuples of numbers, and one of arrays.
 
-        The numbers describe robot and arena, and the `Kinematics`.
+        The first tuple describes robot and arena, the second the `Kinematics`.
         """
         state = self._poses, self._wheels, self._touch, self._spots, self.sensordata, self.valid
         return *self._numbers, state
@@ -151,7 +151,7 @@ def numbers_of(size: Dimensions, how: Kinematics) -> tuple[Any, Any]:
     speed = 2 * size.motor_speed  # [m/s] for a motor value of 1
     body = *room, size.wheel_base, speed, size.radius, size.nose, size.contact_margin
     seconds = CONTROL_TIMESTEP / how.pieces
-    # How much of a wheel's missing speed is missing on average, and at the end.
+    # Shares of a wheel's initial speed error that remain on average, and at the end.
     late, behind = (
         float(speeds[0, 0])
         for speeds in follow_motors(np.ones((1, 2)), np.zeros((1, 2)), seconds, how.lag)
@@ -185,7 +185,7 @@ def measure(
     world: tuple[np.ndarray, np.ndarray, np.ndarray],
     size: Dimensions,
 ) -> None:
-    """Writes what robots measure into `sensordata`, at the places of MuJoCo's sensors.
+    """Writes what robots measure into `sensordata`, at the indices in `layout`.
 
     `world` has their poses, (B, 3), the centres of their spots, (B, 2), and contacts, (B,).
     """
@@ -220,8 +220,8 @@ def make_kinematic_batch(
 ) -> KinematicBatch:
     """Returns robots in lockstep in the kinematic simulator, with a task's sensors.
 
-    The arguments are those of `make_batch`, with `kinematics` in place of `threads`. Edits count
-    only as far as they change the model's `Dimensions` or add the sensor `velocity`.
+    The arguments are those of `make_batch`, with `kinematics` in place of `threads`. Edits have
+    an effect only if they change the model's `Dimensions` or add the sensor `velocity`.
 
     Raises ValueError for a task that `kinematic_definition` refuses, or a value out of range.
     """

@@ -1,4 +1,4 @@
-"""Lives as data: phases, places, minutes, learning on or off, and what holds in the world.
+"""Lives as data: phases with their durations, places, worlds, and learning on or off.
 
 The paper's two protocols are lives (sections 3.1 and 3.2). In the lives of the benchmark the world
 changes while the robot learns (docs/lives.md).
@@ -34,12 +34,12 @@ UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 LIFE_NAME = re.compile("[a-z][a-z0-9_]{0,39}(@[1-9][0-9]{0,3})?")
 _MOST_LEGS = 100_000
 _LONGEST = 1e6  # minutes of a phase: two years
-_NUMBERS = {"robot": 3, "spot": 2}  # of a place
+_NUMBERS = {"robot": 3, "spot": 2}  # in a place
 
 
 @dataclasses.dataclass(frozen=True)
 class Phase(Checked):
-    """A stretch of a life with one rule of placement and learning, and one world.
+    """A part of a life with one world, one rule of placement, and learning on or off.
 
     Attributes:
       stage: "pre" (test before training), "training" or "post" (test after training).
@@ -76,7 +76,7 @@ class Phase(Checked):
     def draw(
         self, random: Random, dimensions: Dimensions, robots: int
     ) -> tuple[np.ndarray | None, np.ndarray | None]:
-        """Returns places for spots, then for robots, drawn in this order.
+        """Draws the places of the spots, then of the robots, unless they are fixed.
 
         Returns centres of the spots, shape (B, 2), and poses of the robots, shape (B, 3); None for
         what stays where it is.
@@ -207,7 +207,7 @@ class Life(Checked):
     def minutes_of(self, stage: Stage) -> slice:
         """Returns a slice: the stage's minutes in a curve with one value per minute of the life.
 
-        With a small time scale, two stages may share a minute, which is then in both slices.
+        In a short life, two stages may share a minute, which is then in both slices.
         """
         first = sum(self.steps_of(before) for before in STAGES[: STAGES.index(stage)])
         last, minute = first + self.steps_of(stage), control_steps(1)
@@ -250,7 +250,7 @@ def control_steps(minutes: float) -> int:
     return max(1, round(minutes * 60 / CONTROL_TIMESTEP))
 
 
-# ---- The paper's ----
+# ---- The paper's lives ----
 
 
 def _tests(stage: Stage) -> tuple[Phase, ...]:
@@ -294,10 +294,10 @@ WALLS_SENSED = dataclasses.replace(
 PAPER_LIVES = (WALL_AVOIDANCE.name, SPOT_FINDING.name)
 
 
-# ---- Lives that change: no policy of docs/lives.md is good in all their worlds ----
+# ---- Lives that change: no policy is good in all worlds of such a life (docs/lives.md) ----
 
 _HOURS = 12
-_TURNS = 120  # of the wiring in the life `drift`, by 3 degrees every 6 minutes
+_TURNS = 120  # rotations of the wiring in the life `drift`: 3 degrees every 6 minutes
 
 
 def _changing(name: str, title: str, worlds: list[World], task: str = "spot_finding") -> Life:
@@ -342,7 +342,7 @@ def life_named(name: str, lives: Mapping[str, Life] = LIVES) -> Life:
     return lives[name].newborn(int(number))
 
 
-# ---- Lives of one's own ----
+# ---- Users' own lives ----
 
 
 def life_from(fields: Any) -> Life:

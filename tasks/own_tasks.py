@@ -1,4 +1,4 @@
-"""Registers tasks of one's own, which open in every interface as those of the suite do."""
+"""Registers users' own tasks, which every interface then opens like those of the suite."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def register_task(name: str, rules: type[Rules], **settings: Any) -> str:
         raise ValueError(f"the id musebot/{identifier} is that of {GYMNASIUM_TASKS[identifier]!r}")
     model = definition.spec().compile()
     check_arena(model)
-    # Fails where a sensor is missing, or the timestep is another.
+    # Fails where a sensor is missing, or the timestep does not divide 0.1 s.
     _check_rules(Batch(model, rules.of(model, "inverse"), 2))
     add_task(definition, "own")
     GYMNASIUM_TASKS[identifier] = name
     MODULES.pop(name, None)
     module = rules.__module__
     if module != "__main__" and not module.startswith(f"{__package__}."):
-        MODULES[name] = module  # others do not register the task when they are imported
+        MODULES[name] = module  # modules excluded above do not register the task
     steps = steps_until(definition.time_limit)
     EPISODE_STEPS[name] = int(steps) if math.isfinite(steps) else None
     with contextlib.suppress(ImportError):  # Gymnasium is optional

@@ -20,7 +20,7 @@ _ROUNDING = 1e-6  # by which a task's values may exceed their declared range
 
 
 def sensor_slice(model: mujoco.MjModel, name: str, length: int) -> slice:
-    """Returns a slice of `sensordata`: `length` numbers, from the first one of a sensor on.
+    """Returns the slice of `sensordata` with the first `length` numbers of a sensor.
 
     Raises KeyError where the arena lacks the sensor.
     """
@@ -75,7 +75,7 @@ class Rules(abc.ABC):
       shapes: Length, minimum and maximum of each observation, by name.
       rewards: Minimum and maximum of the reward.
       maximal: Raw value s' at maximal smell of each signal s = s' / (1 + s') (Eq. 3), by name of
-        the observation, or "reward". Other signals are left out.
+        the observation, or "reward". Signals of another form are left out.
       has_nose: Whether the robot smells the spot.
     """
 
@@ -107,12 +107,12 @@ class Rules(abc.ABC):
 
     @abc.abstractmethod
     def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the measured event, which Learn Ability counts, holds; shape (...)."""
+        """Returns whether the event holds that Learn Ability counts, shape (...)."""
 
     def checked_reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns `reward(sensordata)`, shape (...), after a check.
 
-        Raises ValueError unless these are finite numbers of this shape within `rewards`.
+        Raises ValueError unless rewards are finite numbers of this shape, within `rewards`.
         """
         found = np.asarray(self.reward(sensordata))
         if not within(found, sensordata.shape[:-1], self.rewards):
@@ -134,6 +134,6 @@ def within(values: np.ndarray, shape: tuple[int, ...], ends: tuple[float, float]
     if values.shape != shape or values.dtype.kind not in "fiub":
         return False
     low, high = ends[0] - _ROUNDING, ends[1] + _ROUNDING
-    if values.size == 1:  # a seventh of the time, in every step of an environment
+    if values.size == 1:  # a seventh of the time of the line below, in every step
         return low <= values.item() <= high
     return bool(((values >= low) & (values <= high)).all())

@@ -21,8 +21,8 @@ NoseForm = Literal["inverse", "printed"]
 def distance_signal(distance: np.ndarray) -> np.ndarray:
     """Returns Eq. 2, s = 1 / (1 + d)^10, for d of any shape: 1 at a wall, 0 far from everything.
 
-    The distance d to the nearest obstacle is in [m]. A negative one, MuJoCo's for a ray that hits
-    nothing, gives 0.
+    The distance d to the nearest obstacle is in [m]. A negative d, MuJoCo's value for a ray that
+    hits nothing, gives 0.
     """
     # (1 + d)^10 by four products: ten times faster than a power, and identical on every machine.
     base = 1.0 + at_least(distance, 0.0)
@@ -55,7 +55,7 @@ class Nose(Checked):
     form: NoseForm = choice("inverse", NoseForm)
 
     def inside(self, spot: np.ndarray) -> np.ndarray:
-        """Returns whether the nose is inside spots, d < r, shape (...); see `signal`."""
+        """Returns whether the nose is inside the spot (d < r), shape (...); see `signal`."""
         return _distance(namespace(spot), spot) < self.spot_radius
 
     def signal(self, spot: np.ndarray) -> np.ndarray:
@@ -68,8 +68,8 @@ class Nose(Checked):
             shape (..., 2 or 3).
 
         Returns:
-          Signal in [0, 1), shape (...): o / (1 + o) inside the spot in every direction; outside
-          the spot, 0 if it is more than alpha / 2 off the front.
+          Signal in [0, 1), shape (...). Inside the spot: o / (1 + o) in every direction. Outside:
+          0 if the spot's centre is more than alpha / 2 off the front.
         """
         xp = namespace(spot)
         distance = _distance(xp, spot)

@@ -53,7 +53,7 @@ class SpotFindingRules(Rules):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class TwoNosesRules(SpotFindingRules):
-    """Spot finding with two noses: the difference of their signals shows the side of the spot.
+    """Spot finding with two noses: the difference of their signals shows the spot's side.
 
     The event is the same as with one nose: the front of the rim is inside the spot.
 
@@ -111,7 +111,7 @@ class SpotOrDrivingRules(SpotAmongWallsRules):
 
     driving: DrivingRules
 
-    # The reward is not always that of a smell which saturates.
+    # The reward is not always a saturating smell.
     maximal: ClassVar = {"nose": Nose.odour}
 
     @classmethod
@@ -126,5 +126,5 @@ UNIT = TaskDefinition("spot_finding_unit", SpotFindingRules)
 TWO_NOSES = TaskDefinition("spot_finding_two_noses", TwoNosesRules, (add_noses,))
 WALLS = TaskDefinition("spot_finding_walls", SpotAmongWallsRules)
 JUMPING = TaskDefinition("spot_finding_jumping", SpotFindingRules, spot_seconds=20.0)
-# Of the life `tasks`; in no list of the suite.
+# The task of the life `tasks`; in no list of the suite.
 OR_DRIVING = TaskDefinition("spot_or_driving", SpotOrDrivingRules, (add_velocity,))

@@ -27,7 +27,7 @@ class ArenaVecEnv(VecEnv):
     """`ArenaVectorEnv` with the interface of Stable-Baselines3.
 
     A robot whose episode ends starts the next one in the same step. Stable-Baselines3 logs the mean
-    return, `rollout/ep_rew_mean`, of a batch in its `VecMonitor`:
+    return, `rollout/ep_rew_mean`, of a batch wrapped in `VecMonitor`:
 
         robots = VecMonitor(ArenaVecEnv("musebot/WallAvoidanceObstacles-v0", 64, threads=2))
         model = PPO("MlpPolicy", robots, verbose=1)
@@ -104,7 +104,7 @@ class ArenaVecEnv(VecEnv):
         self._robots.set_attr(attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Returns what a method of robots returns, see `ArenaVectorEnv.call`."""
+        """Calls a method of robots, see `ArenaVectorEnv.call`; returns a result for each."""
         if method_name not in METHODS:
             raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
         if method_name == "set_wrapper_attr":

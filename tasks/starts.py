@@ -15,9 +15,9 @@ from .episode import real_numbers
 Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator
 
-FROM_WALLS = 0.10  # [m]; section 3.1: "a distance of ten cm to the walls facing the corner"
-_DRAWS = 10_000  # after as many for each robot there is no room
-_TOLERANCE = 1e-9  # [m]; of places computed from the arena's dimensions
+FROM_WALLS = 0.10  # [m]; distance of a robot's centre to both walls of a corner (section 3.1)
+_DRAWS = 10_000  # draws of a pose after which there is no room for it
+_TOLERANCE = 1e-9  # [m]; rounding of places computed from the arena's dimensions
 _X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
 # x, y in [m] and heading in [rad] of a robot that faces the corner.
 CORNERS: Mapping[str, tuple[float, float, float]] = {
@@ -83,7 +83,7 @@ class Start:
                 object.__setattr__(self, name, tuple(map(float, place)))
 
     def check(self, dimensions: Dimensions) -> None:
-        """Raises ValueError where a robot overlaps a wall or an obstacle, or a spot is outside."""
+        """Raises ValueError if the robot overlaps a wall or an obstacle, or the spot is outside."""
         size = dimensions
         for name, clear in (("robot", size.radius), ("spot", 0.0)):
             place: Any = getattr(self, name)

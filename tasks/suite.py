@@ -69,7 +69,7 @@ def task_definition(task_name: str) -> TaskDefinition:
 
 
 def life_definition(life: Any) -> TaskDefinition:
-    """Returns the task in which an episode is one life, given by its name or as a `Life`.
+    """Returns the task whose episodes are one life; `life` is a name or a `Life`.
 
     Raises ValueError where there is none.
     """
@@ -110,10 +110,10 @@ def load(
 
 
 def register() -> None:
-    """Adds the tasks to dm_control's suite of this process, as the domain "musebot_arena".
+    """Adds the tasks to dm_control's suite in this process, as the domain "musebot_arena".
 
     `dm_control.suite.load("musebot_arena", "wall_avoidance")` works from then on. dm_control has
-    no public way to do this: its private table of domains gets an entry, and its `ALL_TASKS` and
+    no public way to do this, so its private table of domains gets an entry; its `ALL_TASKS` and
     other lists stay as they are.
     """
     dm_suite._DOMAINS[FOREIGN_DOMAIN] = sys.modules[__name__]

@@ -1,4 +1,4 @@
-"""What holds in a phase of a life: the wheels' wiring, the senses, what is rewarded."""
+"""The conditions in a phase of a life: the wheels' wiring, the senses, what is rewarded."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from .rules import RANGEFINDERS, Rules
 Rewarded = Literal["task", "driving"]
 SENSORS = ("nose", *RANGEFINDERS, "contact")
 _UNCHANGED = (1.0, 0.0, 0.0, 1.0)
-_DRIVES = 0.5  # least speed ahead of a robot that drives, as a share of the top speed
+_DRIVES = 0.5  # smallest speed ahead that counts as driving, as a share of the top speed
 
 
 @dataclasses.dataclass(frozen=True)
 class World(Checked):
-    """What holds in a phase of a life; the default changes nothing.
+    """The conditions in a phase of a life; the default changes nothing.
 
     Robots receive no signal that names the world. A world changes what reaches motors and brain,
-    not the simulator, so that it is the same in every simulator.
+    not the simulator, so it works alike in every simulator.
 
     Attributes:
       wheels: Matrix (a, b, c, d). For motor values l and r, the left wheel receives a l + b r, the
         right one c l + d r. (-1, 0, 0, 1) reverses the left wheel.
       nose: Angle of the nose on the rim in degrees, counterclockwise from the front.
       sensors: Sensors that read wrong: name, offset and gain of each. A sensor reads offset + gain
-        * signal, within its range; (name, 0, 0) is a lost one. Names are those of `SENSORS`.
+        * signal, clipped to its range; (name, 0, 0) is a dead one. Names are those of `SENSORS`.
       rewarded: "task": reward and measured event are the task's own. "driving": the reward is the
         speed ahead as a share of the top speed, 0 in reverse or in contact, as in the task
         `wall_avoidance_obstacles`; the event is a reward of at least 0.5.
@@ -129,7 +129,7 @@ class WorldRules(Rules):
         return self.task.reward(self._turned(sensordata))
 
     def event(self, sensordata: np.ndarray) -> np.ndarray:
-        """Returns whether the event holds: the task's own, or that of driving; shape (...)."""
+        """Returns whether the event holds, the task's own or that of driving, shape (...)."""
         if self.world.rewarded == "driving":
             return self._driving(sensordata) >= _DRIVES
         return self.task.event(self._turned(sensordata))

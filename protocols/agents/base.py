@@ -11,7 +11,7 @@ _WORD = 2**64 - 1
 
 
 def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
-    """Returns whether the weights of each of B robots, arrays (B, ...), are all finite, (B,)."""
+    """Returns for each of B robots, (B,), whether all its weights, arrays (B, ...), are finite."""
     found = np.ones(robots, dtype=bool)
     for array in weights.values():
         found &= np.isfinite(array).reshape(robots, -1).all(axis=1)
@@ -56,13 +56,13 @@ class Agent(abc.ABC):
     """An agent that drives B robots in lockstep.
 
     In every control step, the simulation calls `act` with the robots' observations. In training, it
-    then calls `learn` with the reward of the previous action, which was observed together with
-    these. It calls `reset` before the first step and whenever all robots are placed anew.
+    then calls `learn` with the reward observed in the same step, that of the previous action. It
+    calls `reset` before the first step and whenever all robots are placed anew.
     """
 
     @abc.abstractmethod
     def reset(self) -> None:
-        """Forgets the last action: after a new placement, no action led to the next observation."""
+        """Forgets the last action: after a placement, the observation does not follow from it."""
 
     @abc.abstractmethod
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
@@ -103,7 +103,7 @@ class Agent(abc.ABC):
     def weights(self) -> dict[str, np.ndarray]:
         """Returns all arrays that actions in a test depend on, by name, each of shape (B, ...).
 
-        They include those drawn from the seed. A run keeps them in results.safetensors. A robot
+        Arrays drawn from the seed are included. A run keeps all in results.safetensors. A robot
         with a NaN or infinite weight is stopped and counted as invalid.
         """
         return {}

@@ -15,8 +15,8 @@ from ..errors import InputError, RunError
 from ..storage import DTYPES
 from .base import Agent, sound
 
-# A fault of a user's code lies neither here, nor in Python, nor in these libraries. Without a
-# virtual environment Python's folder has that of the packages in it.
+# Folders whose code is not the user's: ours, Python's and that of two libraries. Without a
+# virtual environment, Python's folder contains the packages' folder.
 _LIBRARIES = Path(np.__file__).parents[1]
 _OURS = "<", str(Path(__file__).parents[1]), *(str(_LIBRARIES / n) for n in ("numpy", "torch"))
 _PYTHON = sysconfig.get_paths()["stdlib"]
@@ -31,7 +31,7 @@ class CheckedAgent(Agent):
     """
 
     def __init__(self, name: str, make: Callable[[], object], robots: int) -> None:
-        """Makes the agent of B robots by `make`; errors name its factory, `name`.
+        """Calls `make` to make the agent of B robots; errors name its factory, `name`.
 
         Raises:
           InputError: the factory fails, or returns no agent.
@@ -57,7 +57,7 @@ class CheckedAgent(Agent):
         if motors.dtype.kind not in "fiu":
             raise self._wrong(f"motor values that are real numbers, got {motors.dtype}")
         if not np.isfinite(motors).all():
-            # Robots with weights that are not finite are stopped by the simulation instead.
+            # The simulation itself stops robots with weights that are not finite.
             wrong = ~np.isfinite(motors).all(axis=1) & sound(self.weights(), self._robots)
             if wrong.any():
                 robot = int(wrong.argmax())
@@ -91,7 +91,7 @@ class CheckedAgent(Agent):
             return getattr(self._agent, method)(*arguments)
 
     def _arrays(self, what: str) -> dict[str, np.ndarray]:
-        """Returns the arrays of a method, "state" or "weights", if a file can hold them."""
+        """Returns what `what` ("state", "weights") returns; raises unless a file can hold it."""
         arrays = self._call(what)
         if not isinstance(arrays, Mapping):
             raise self._wrong(f"a dict of real arrays as its {what}, got {type(arrays).__name__}")
@@ -136,7 +136,7 @@ def ending_in_a_sentence(
 
 
 def fault(error: BaseException) -> str:
-    """Returns an error's type, text and last file and line in a user's code, in one line."""
+    """Returns one line: an error's type and text, and the last file and line of the user's code."""
     text = " ".join(f"{type(error).__name__}: {error}".split())
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         python = frame.filename.startswith(_PYTHON)

@@ -1,4 +1,4 @@
-"""Checks an agent against the laws of all agents, with drawn signals, without a simulation.
+"""Checks that an agent obeys the laws of all agents, on random signals, without a simulation.
 
 Example:
   A test of your own agent, for pytest:
@@ -27,7 +27,7 @@ from .signals import random_signals, raw_senses, senses_of
 
 ROBOTS, STEPS = 4, 60
 _CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps
-_CASES = (  # task and signals: each kind of signals is in one of them
+_CASES = (  # tasks and observation sets: each kind of signal is in one of them
     ("wall_avoidance", "paper"),
     ("spot_finding", "paper"),
     ("spot_finding", "raw"),
@@ -37,7 +37,7 @@ Arrays = Mapping[str, np.ndarray]
 
 
 class AgentContract:
-    """The laws of agents, a test each; it raises AssertionError if the agent breaks the law.
+    """The laws of agents, a test each; a test raises AssertionError if the agent breaks its law.
 
     Attributes:
       name: Name of the agent, or its factory as package.module:factory. The tests run its code.
@@ -62,7 +62,7 @@ class AgentContract:
     def test_weights_stay_finite(self) -> None:
         """No weight becomes NaN or infinite; a simulation would stop such a robot."""
         agent = self.made()
-        for step in range(STEPS + 1):  # the last only looks: no step is left
+        for step in range(STEPS + 1):  # the last only checks: no step is left
             for name, array in agent.weights().items():
                 for robot in np.argwhere(~np.isfinite(array))[:1, 0]:
                     _law(False, f"{name} of robot {robot} is not finite after {step} steps")
@@ -73,7 +73,7 @@ class AgentContract:
         _same("the same seed gives other actions", self.life(), self.motors)
 
     def test_training_changes_weights(self) -> None:
-        """Training changes the weights; an agent without weights may learn elsewhere."""
+        """Training changes the weights; an agent that returns no weights is not checked."""
         agent = self.made()
         born = copied(agent.weights())
         self.feed(agent, 0, STEPS)
@@ -91,7 +91,7 @@ class AgentContract:
         _law(not changed, f"a test changes the weights {changed}")
 
     def test_a_restored_state_continues_bit_exactly(self) -> None:
-        """Tries three checkpoints, since what they lack may matter at some steps only."""
+        """Tries three checkpoints, since a missing array may matter at some steps only."""
         first, begin = self.made(), 0
         states = {}
         for step in _CHECKPOINTS:
@@ -107,7 +107,7 @@ class AgentContract:
             _law(not changed, f"after a checkpoint at step {step} state() has other {changed}")
 
     def test_robots_share_nothing_but_random_numbers(self) -> None:
-        """Other signals and rewards of all other robots do not change the first robot's actions."""
+        """Changing all other robots' signals and rewards does not change a robot's actions."""
         states, rewards = (array.copy() for array in self.stream)
         states[:, 1:], rewards[:, 1:] = states[::-1, 1:], rewards[::-1, 1:]
         first = _lived(self.made(), states, rewards)[:, 0]
@@ -139,12 +139,12 @@ class AgentContract:
         for one in (agent, agent, other):
             one.reset()
             tests.append(self.feed(one, 0, 30, learning=False))
-        if _close(*tests[:2], atol=1e-5):  # its tests are not random
+        if _close(*tests[:2], atol=1e-5):  # the agent's tests are not random
             equal = _close(*tests[1:], atol=1e-5)
             _law(equal, "loaded weights drive it otherwise: weights() misses something")
 
     def test_robots_may_differ_in_their_settings(self) -> None:
-        """A value for all acts as that value for each; a robot's own value affects it alone."""
+        """One value for all robots equals it for each; a robot's value affects no other robot."""
         each = {n: one for n, one in settings_of(self._factory).items() if one.each}
         if not each:
             return
@@ -178,7 +178,7 @@ class AgentContract:
 
     @functools.cached_property
     def stream(self) -> tuple[np.ndarray, np.ndarray]:
-        """Drawn signals (STEPS, B, S) and rewards (STEPS, B), some at an end of their ranges."""
+        """Random signals (STEPS, B, S) and rewards (STEPS, B), some at an end of their ranges."""
         states, rewards = random_signals(self._senses, STEPS, ROBOTS)
         # Saturated and silent signals occur in a life more often than any other.
         states[::7] = [signal.low for signal in self._senses.state]
@@ -201,7 +201,7 @@ class AgentContract:
         return agent
 
     def feed(self, agent: Agent, first: int, last: int, learning: bool = True) -> np.ndarray:
-        """Feeds the steps from `first` to before `last`; returns motor values (steps, B, 2)."""
+        """Feeds steps `first` to `last` - 1 to an agent; returns motor values (steps, B, 2)."""
         states, rewards = self.stream
         return _lived(agent, states[first:last], rewards[first:last], learning)
 
@@ -216,7 +216,7 @@ class AgentContract:
 
 
 def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
-    """Returns what `AgentContract.broken` returns, in four cases of task and signals.
+    """Returns the sentences of `AgentContract.broken` for four pairs of task and signals.
 
     The agent's code is run; its settings are given as NAME=VALUE.
 

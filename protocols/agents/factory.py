@@ -17,7 +17,7 @@ from .base import Agent
 from .checked_agent import ending_in_a_sentence
 from .names import FACTORIES, RECORDED_NAMES, is_own
 
-# Factories of users whose code may run here: named by this command, never by a file alone.
+# Users' factories whose code may run: those that the command names, not a file alone.
 _TRUSTED: set[str] = set()
 
 
@@ -34,7 +34,7 @@ def trust(*names: str) -> None:
 
 
 def check_trusted(name: str, source: object) -> None:
-    """Raises InputError if only a `source`, such as a file, names a factory, but no command."""
+    """Raises InputError if `source`, such as a file, names a factory that no command names."""
     if not is_own(name) and name not in _TRUSTED:
         raise InputError(
             f"{source} names the agent {name}, whose code would be run: allow it by --agent "

@@ -21,11 +21,11 @@ class HandCoded(Agent):
     The policy learns nothing and acts in training as in the tests.
     """
 
-    # It drives in a slight curve, in the direction of the turn: a robot that smells the spot
-    # beside a wall would push straight against the wall for ever.
+    # DRIVE curves slightly in the direction of TURN: driving straight, a robot beside a wall that
+    # smells the spot would push against the wall for ever.
     TURN, DRIVE, STAND = (0.5, -0.5), (0.5, 0.45), (0.0, 0.0)
     AHEAD, FROM_LEFT, FROM_RIGHT = (0.5, 0.5), (0.5, 0.2), (0.2, 0.5)
-    NEAR, BESIDE = 0.3, 0.6  # Eq. 2 at 0.13 m and 0.05 m
+    NEAR, BESIDE = 0.3, 0.6  # distance signals (Eq. 2) at 0.13 m and 0.05 m
 
     def __init__(self, senses: Senses) -> None:
         """Prepares the policy for a robot's signals; looks up the smell inside the spot (Eq. 3).
@@ -40,7 +40,7 @@ class HandCoded(Agent):
                 f"got {len(senses.state)}"
             )
         self._nose = noses[0] if noses else None
-        # A world that inverts the nose costs a rounding error.
+        # `Informed` undoes errors of the nose, up to rounding.
         self._maximal = senses.state[noses[0]].saturated - 1e-6 if noses else None
 
     def reset(self) -> None:

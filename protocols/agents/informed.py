@@ -16,7 +16,7 @@ class Informed(Wrapper):
     """The hand-coded policy, adapted to one known world; it learns nothing.
 
     In its world, it is about as good as the hand-coded policy in the default world, if the wiring
-    can be inverted and the nose is at the front or the back. It acts alike in all other worlds.
+    can be inverted and the nose is at the front or the back. In other worlds, it acts the same way.
     """
 
     def __init__(self, world: World, shapes: dict[str, int], senses: Senses) -> None:
@@ -24,7 +24,7 @@ class Informed(Wrapper):
 
         Args:
           world: World to which the policy is adapted.
-          shapes: Length of each observation by name, in the order of the signals.
+          shapes: Number of signals in each observation, by name, in the order of `senses`.
           senses: Ranges of the signals and of the reward.
 
         Raises:
@@ -34,7 +34,7 @@ class Informed(Wrapper):
         names = [name for kind, length in shapes.items() for name in sensor_names(kind, length)]
         pairs = np.array([wrong.get(name, (0.0, 1.0)) for name in names], dtype=np.float32)
         self._offset, self._gain = pairs.T
-        # Where driving is rewarded, it drives about, as a robot without a nose does.
+        # Where driving is rewarded, the robot drives about like one without a nose.
         self._first = shapes.get("nose", 0) if world.rewarded == "driving" else 0
         behind = math.cos(math.radians(world.nose)) < 0
         backwards = -1 if behind and world.rewarded == "task" else 1
@@ -42,9 +42,9 @@ class Informed(Wrapper):
         super().__init__(HandCoded(Senses(senses.state[self._first :], senses.reward)))
 
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        lost = self._gain == 0  # reads nothing: as without smell, far from walls
+        lost = self._gain == 0  # a dead sensor: read as no smell or no wall
         signals = np.where(lost, 0, (state - self._offset) / np.where(lost, 1, self._gain))
         motors = super().act(signals[:, self._first :].astype(np.float32), learning)
         wheels = motors @ self._wheels.T
-        # A motor cannot give more than 0.5: the robot is slower, on the same path.
+        # No motor value may exceed 0.5: the robot drives the same path more slowly.
         return wheels / np.maximum(np.abs(wheels).max(axis=1, keepdims=True) / 0.5, 1)

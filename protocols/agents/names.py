@@ -35,7 +35,7 @@ FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) i
 LOWER, UPPER = "newborn", "hand_coded"  # bounds of what a robot can learn
 TRAINED_BEFORE = "ppo"  # our agent that learned before its life
 OWN_BOUNDS = {RECORDED_NAMES[name] for name in (LOWER, UPPER)}
-OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # a brain that reads raw signals by itself
+OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # agents that compute the raw signals themselves
 
 
 def is_own(name: str) -> bool:
@@ -76,6 +76,6 @@ def recorded_name(name: str) -> str:
 
 
 def short_name(name: str) -> str:
-    """Returns the short or registered name of an agent that a run records, or the name itself."""
+    """Returns the short or registered name for a recorded name; without one, the name itself."""
     known = {**registered_names(), **RECORDED_NAMES}
     return next((short for short, recorded in known.items() if recorded == name), name)

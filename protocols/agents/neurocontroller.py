@@ -24,7 +24,7 @@ class NeurocontrollerAgent(Agent):
     """
 
     def __init__(self, controller: Neurocontroller, learn_across_placement: bool = False) -> None:
-        """Wraps brains; these may also learn from a step that spans a `reset`."""
+        """Wraps brains; `learn_across_placement`: they also learn from steps across a `reset`."""
         self.controller = controller
         self._across = learn_across_placement
 

@@ -1,7 +1,7 @@
 """Policies trained by PPO before a life, and the robots that these policies drive.
 
-`musebot benchmark ppo` trains policies; driving robots needs no Stable-Baselines3: the weights are
-stored as safetensors, and the small network is evaluated here.
+`musebot benchmark ppo` trains policies. Robots drive without Stable-Baselines3: weights are stored
+as safetensors, and this module evaluates the small network.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from ..storage import Shapes, digest, load_arrays
 from .base import Agent
 from .signals import senses_of
 
-WIDTHS = 64, 64  # tanh neurons of the hidden layers; then follows the mean action
+WIDTHS = 64, 64  # tanh neurons of the hidden layers; the output is the mean action
 
-# Tasks on which the policies of `ppo` are trained; they drive robots with the same signals.
+# Tasks on which the policies of `ppo` are trained; each drives robots with its task's signals.
 TRAINED_ON = "wall_avoidance_unit", "spot_finding_unit", "spot_finding_walls"
 FOLDER = Path("policies")
 POLICIES_FILE = "policies.safetensors"
@@ -36,7 +36,8 @@ class Policies:
     Attributes:
       task: Name of the task on which the policies were trained.
       arrays: Weights and biases by name: "before" or "after" training, then the layer (0, 1, 2).
-        In layer 0 with H neurons, "before.0.weights" has shape (B, H, S), "before.0.biases" (B, H).
+        With S signals and H neurons, "before.0.weights" has shape (B, H, S), "before.0.biases"
+        (B, H).
     """
 
     def __init__(self, task: str, arrays: Mapping[str, np.ndarray]) -> None:
@@ -70,7 +71,7 @@ class Policies:
         """Returns a single policy, as a batch of one.
 
         Raises:
-          InputError: there is no policy of this number.
+          InputError: there is no policy with this number.
         """
         if not 0 <= robot < self.robots:
             raise InputError(f"the policies are 0 to {self.robots - 1}, got {robot}")
@@ -137,7 +138,7 @@ class PolicyAgent(Agent):
         return {k.removeprefix(when): v for k, v in arrays.items() if k.startswith(when)}
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
-        # Policies that act alike before and after training.
+        # The same weights before and after training.
         both = {f"{when}.{k}": v for when in ("before", "after") for k, v in arrays.items()}
         own, given = ({k: v.shape for k, v in one.items()} for one in (self._policies.arrays, both))
         for name in sorted({*own, *given}):
@@ -187,7 +188,7 @@ def policy_file(task: str) -> Path:
 
 
 def policy_shapes(signals: int, policies: int) -> Shapes:
-    """Returns each array's dtype and shape for some policies, by name as in `Policies`."""
+    """Returns dtype and shape of each array of `policies` policies, named as in `Policies`."""
     shapes = {}
     layers = [*itertools.pairwise((signals, *WIDTHS, 2))]
     for when, (layer, sizes) in itertools.product(("before", "after"), enumerate(layers)):

@@ -14,7 +14,7 @@ from ...fields import shown
 from ..errors import InputError, nearest
 
 _SETTINGS = "agent_settings"
-Number = float | np.ndarray  # of all robots, or of each, shape (B,)
+Number = float | np.ndarray  # one for all robots, or one for each, shape (B,)
 Factory = TypeVar("Factory", bound=Callable[..., Any])
 
 
@@ -43,7 +43,7 @@ class Setting:
     each: bool = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError if the default is out of the range, or the range does not suit it."""
+        """Raises ValueError if the default, or the range of a logarithmic setting, is invalid."""
         if type(self.default) is bool:
             raise ValueError("a setting is a number; take 0 and 1 for no and yes")
         if self.log and not self.low > 0:
@@ -72,7 +72,7 @@ class Setting:
 
 
 def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
-    """Declares a factory's settings; each is a keyword argument, with its default if not chosen."""
+    """Declares a factory's settings; it receives each as a keyword, with its default or as set."""
 
     def decorate(factory: Factory) -> Factory:
         @functools.wraps(factory)
@@ -120,13 +120,13 @@ def settings_from(words: Sequence[str], several: bool = False) -> dict[str, list
 def checked_settings(
     agent: str, factory: Callable[..., Any], settings: Mapping[str, Sequence[float]], robots: int
 ) -> dict[str, Number]:
-    """Checks settings, and returns them as a factory takes them.
+    """Checks settings, and returns them as keyword arguments of a factory.
 
-    Each of several values of a setting is for an equal share of the B robots.
+    If a setting has several values, each is for an equal share of the B robots.
 
     Raises:
-      InputError: the agent has no such setting, a value lies outside of its range, or robots cannot
-        differ in it.
+      InputError: the agent has no such setting, a value is out of range, or the robots cannot have
+        this number of values.
     """
     known = settings_of(factory)
     checked: dict[str, Number] = {}

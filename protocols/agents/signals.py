@@ -9,7 +9,7 @@ from ...controller.senses import Encoding, Senses, Signal, unsaturated
 from ...tasks.suite import task_definition
 from .base import Agent, Wrapper
 
-_SHARE = Signal(0.0, 1.0)  # of the raw signal at maximal smell
+_SHARE = Signal(0.0, 1.0)  # raw signal over that at maximal smell
 
 
 def senses_of(task: str) -> Senses:
@@ -30,8 +30,8 @@ def senses_of(task: str) -> Senses:
 def raw_senses(senses: Senses) -> Senses:
     """Returns what an agent senses with the observation set "raw".
 
-    The unsaturated value of each saturating signal, as a share of the largest, is a further signal;
-    the unsaturated value of a saturating reward replaces it.
+    Each saturating signal adds a signal: its unsaturated value as a share of the largest. Such a
+    share also replaces a saturating reward.
     """
     further = tuple(_SHARE for signal in senses.state if signal.maximal)
     return Senses(senses.state + further, _SHARE if senses.reward.maximal else senses.reward)
@@ -41,7 +41,7 @@ def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray,
     """Draws uniform signals and rewards from their ranges; equal calls return equal numbers.
 
     Returns:
-      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B), of T steps.
+      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B), for T = `steps`.
     """
     random = np.random.default_rng(0)
     low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
@@ -51,10 +51,10 @@ def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray,
 
 
 class RawSignals(Wrapper):
-    """A wrapper that gives its agent smell and reward before they saturate, like `steady`."""
+    """A wrapper that gives its agent unsaturated smell and reward, as the brain `steady` has."""
 
     def __init__(self, senses: Senses, agent: Agent) -> None:
-        """Wraps an agent made for `raw_senses(senses)`; the paper's robot has these `senses`."""
+        """Wraps an agent made for `raw_senses(senses)`; `senses` are the task's (`senses_of`)."""
         super().__init__(agent)
         self._encoding = Encoding(senses.state, centred=False, raw_signals=True)
         maximal = senses.reward.maximal

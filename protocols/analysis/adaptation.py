@@ -1,7 +1,7 @@
 """How robots adapt in a life that changes: online score, recovery, savings, forgetting.
 
-Everything is computed for each robot first. After a change, the control of an old robot is a
-newborn robot in the same world. The measures and their sources are in docs/lives.md.
+Everything is computed for each robot first. After a change, old robots are compared with newborn
+robots in the same world. The measures and their sources are in docs/lives.md.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ FAILED = 0.1
 """Online score below which a life has failed."""
 
 RECOVERED = 0.5
-"""Share of the way from the lower to the upper bound at which a robot has recovered."""
+"""Score, 0 at the lower bound and 1 at the upper, at which a robot has recovered."""
 
 WINDOW = 5
-"""Minutes over which a robot must be recovered on average; also those before and after a return."""
+"""Minutes over which scores are averaged: for recovery, and at a phase's beginning and end."""
 
 
 Newborns = Sequence[np.ndarray]
-"""Minutes of recovery of the newborns in each of a life's W worlds, W arrays of shape (m,)."""
+"""Recovery in minutes of m newborns in each of a life's W worlds: W arrays of shape (m,)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -57,7 +57,7 @@ class Adaptation:
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
       recovery: Minute of each phase, counted from 1, in which a robot recovers, shape (n, P): the
         next `WINDOW` minutes, this one included, are the first with a mean score of at least
-        `RECOVERED`. If a robot does not recover, it is the phase's last minute.
+        `RECOVERED`. If a robot does not recover, the value is the phase's last minute.
       before: Mean score in the last `WINDOW` minutes of each phase, shape (n, P).
       after: Mean score in the first `WINDOW` minutes of each phase, shape (n, P).
       worlds: Index of each phase's world in `Life.worlds`, shape (P,).
@@ -78,7 +78,7 @@ class Adaptation:
         parts = []
         for minutes, world in zip(minutes_of_phases(life), numbers, strict=True):
             low, span = bounds.low[world], bounds.high[world] - bounds.low[world]
-            # In a rehearsal the bounds may be equal.
+            # In a shortened life, the bounds may be equal.
             own = (shares[:, minutes] - low) / (span if span > 0 else np.nan)
             ends = own[:, -WINDOW:].mean(axis=1), own[:, :WINDOW].mean(axis=1)
             parts.append((own.mean(axis=1), _recovery(own), *ends))
@@ -108,9 +108,9 @@ class Adaptation:
     def last_recovery(self, newborns: Newborns, returns: int) -> tuple[float, Interval]:
         """Returns mean relative recovery in the last `returns` phases, and its interval.
 
-        The interval is that of a percentile bootstrap over old robots, which are also the newborns
-        of the first world, and over the newborns of each other world. It is unknown for fewer
-        newborns of a world than `FEWEST_RESAMPLED`.
+        A percentile bootstrap resamples the old robots, which are also the newborns of the first
+        world, and the newborns of each other world. The interval is unknown if a world has fewer
+        newborns than `FEWEST_RESAMPLED`.
         """
         mean = float(self.relative_recovery(newborns)[-returns:].mean())
         if min(map(len, newborns)) < FEWEST_RESAMPLED:
@@ -139,7 +139,7 @@ class Adaptation:
         return float(np.polyfit(np.arange(len(relative)), relative, 1)[0])
 
     def savings(self) -> float:
-        """Returns the share by which recovery is faster at last than at first visits to worlds.
+        """Returns the share by which recovery is faster at last visits to worlds than at first.
 
         NaN if no world returns.
         """
@@ -150,9 +150,9 @@ class Adaptation:
         return float(1 - later / earlier)
 
     def forgetting(self) -> float:
-        """Returns the mean score at the end of a visit to a world minus that when the next begins.
+        """Returns mean score at the end of a visit to a world minus that at the start of the next.
 
-        NaN where no world returns.
+        NaN if no world returns.
         """
         lost = [
             (self.before[:, left] - self.after[:, back]).mean() for left, back in self._returns()
@@ -175,7 +175,7 @@ class Adaptation:
 def minutes_of_phases(life: Life) -> list[np.ndarray]:
     """Returns the indices of each phase's minutes: those whose middle is in the phase.
 
-    A phase that is too short for one, as in a rehearsal, has the minute with the phase's middle.
+    A phase that is too short for one, in a shortened life, has the minute with the phase's middle.
     """
     minute, ends = control_steps(1), np.cumsum(life.steps())
     middles = np.cumsum(life.steps_of_minutes()) - life.steps_of_minutes() / 2

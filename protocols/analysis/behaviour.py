@@ -39,9 +39,9 @@ class Stay:
         last third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
       spinning: Share of time in which each robot spun inside the spot, in the first and in the last
         third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
-      minutes: A row for each minute, shape (M, 3): its index, then two shares of the time that the
-        staying robots spent at the spot in this minute. The first is that of following the contour,
-        the second that of spinning inside; both are NaN if no such robot was at the spot.
+      minutes: A row for each minute, shape (M, 3): index of the minute, share of following the
+        contour, and share of spinning inside. These are shares of the time in this minute that the
+        staying robots were at the spot; NaN if none was.
     """
 
     staying: np.ndarray
@@ -119,7 +119,7 @@ def _seconds(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _thirds(kind: np.ndarray, near: np.ndarray) -> tuple[float, float]:
     """Returns the share of a behaviour in the first and last third of a robot's time at the spot.
 
-    For each second, `kind` is whether the robot shows the behaviour, `near` whether it is there.
+    For each second, `kind` says whether the robot shows the behaviour, `near` whether it is there.
     """
     there = np.flatnonzero(near)
     third = -(-len(there) // 3)

@@ -74,7 +74,7 @@ Test = Callable[[Evidence], list[TestedInequality]]
 
 
 class Described(NamedTuple):
-    """A statistic, a `Share` or two values of each of n robots (2, n), and its description."""
+    """A `Share`, or two values of each of n robots, (2, n), and a description of this statistic."""
 
     value: Any
     words: str
@@ -93,7 +93,7 @@ def more(
     Args:
       statistic: Function of evidence and condition that returns a `Share` or a `Sample`.
       condition: Condition whose statistic should be larger than that of the others.
-      *others: Conditions to compare with; if none is given, the paper's others of the task.
+      *others: Conditions to compare with; if none is given, those of the other two proposers.
       what: Words before the numbers in the description, such as "mean L ".
       times: Factor by which the share that should be smaller is multiplied; not used for means.
       less: Whether the statistic should be smaller than that of the others, instead of larger.

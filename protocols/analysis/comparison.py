@@ -75,17 +75,17 @@ def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
     A run may be kept without brains, so the brains of each run's first cohort are made again.
     """
     if ours.experiment.device != other.experiment.device:
-        return False  # whose random streams differ
+        return False  # other devices have other random streams
     try:
         first, second = (_newborns(run.experiment, condition) for run in (ours, other))
-    except (InputError, RunError):  # of an agent that is not trusted or not found
+    except (InputError, RunError):  # the agent is not trusted or not found
         return False
     shared = first.keys() & second.keys()  # one brain may have state that the other lacks
     return bool(shared) and all(np.array_equal(first[name], second[name]) for name in shared)
 
 
 def _newborns(experiment: Experiment, condition: Condition) -> dict[str, np.ndarray]:
-    experiment = dataclasses.replace(experiment, backend="torch")  # Numba's brains are born equal
+    experiment = dataclasses.replace(experiment, backend="torch")  # Numba's brains begin the same
     seed, _ = random_streams(experiment.seed, CohortKey(condition, 0))
     return make_agent(experiment, condition, experiment.cohort_size, seed).weights()
 
@@ -94,7 +94,7 @@ def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cel
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
-    left out too; so is, for each cell, a pair with a robot that has no value (a genius has no L).
+    left out, too. Each cell leaves out pairs in which a robot has no value (a genius has no L).
     """
     paired = is_paired(ours, other, condition)
     first, second = (_measures(run, condition) for run in (ours, other))
@@ -168,7 +168,7 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
       InputError: the runs share no condition, or their lives or time scales differ.
     """
     conditions = _shared_conditions(ours, other)
-    # Holm's smallest threshold is ALPHA / family: 50 permutations beyond it, or more.
+    # At Holm's smallest threshold, ALPHA / cells, at least 50 permutations are extreme.
     draws = max(DRAWS, 1000 * CELLS * len(conditions))
     found: list[Cell] = []
     for condition in tracked(conditions, "comparing"):

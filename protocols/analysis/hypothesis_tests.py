@@ -12,7 +12,7 @@ from scipy import stats
 from .intervals import FEWEST_RESAMPLED
 
 ALPHA = 0.05
-"""Level of all tests: below this p-value, corrected where there are several, one is significant."""
+"""Level of all tests: p-values below it, corrected if there are several, are significant."""
 
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
@@ -74,8 +74,8 @@ def larger_share(first: Share, second: Share, words: str, times: float = 1) -> T
     """Tests whether the first share is larger than `times` the second.
 
     With `times` = 1, this is Fisher's exact test. Otherwise the first count is tested as binomial,
-    given the number of robots with the property in both groups. The test is exact for small shares
-    and conservative for large ones, because counts of large shares scatter less.
+    given the sum of both groups' counts. The test is exact for small shares and conservative for
+    large ones, because counts of large shares scatter less.
     """
     (a, n), (b, m) = first, second
     if times == 1:
@@ -128,8 +128,8 @@ def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal shares.
 
     Pairs are tested by McNemar's exact test, independent groups by Fisher's exact test. Both are
-    exact forms of a permutation test of shares. The groups, shapes (n,) and (m,), say whether each
-    robot has the property. If they are paired, robots of the same index are pairs, and n = m.
+    exact forms of a permutation test of shares. `first` (n,) and `second` (m,) mark the robots with
+    the property. If they are paired, robots of the same index are pairs, and n = m.
     """
     if paired:
         only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
@@ -144,7 +144,7 @@ def same_classes(pairs: Sequence[tuple[Sequence[int], Sequence[int]]]) -> float:
     """Returns the p-value of a joint test that each pair of groups has equal shares of classes.
 
     The statistic is the sum of the pairs' chi-squares of homogeneity. Its null distribution is
-    simulated, as small counts need: both groups of a pair are drawn from their pooled shares.
+    simulated, since counts may be small: both groups of a pair are drawn from their pooled shares.
 
     `pairs` holds the number of robots in each class in the first and in the second group. The
     p-value is NaN where there is no pair or a group has no robots.
@@ -175,15 +175,15 @@ def _homogeneity(counts: np.ndarray) -> np.ndarray:
 def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = DRAWS) -> float:
     """Returns the two-sided p-value of a permutation test that two groups have equal means.
 
-    Pairs are swapped at random; the statistic is the difference of the means. Robots of independent
-    groups are dealt to the two groups at random; the statistic is the difference of the means
-    divided by its standard error, so that groups of different spread and size are tested, too
-    (Janssen, Statistics and Probability Letters 36, 1997; Chung and Romano, Annals of Statistics
-    41, 2013).
+    For pairs, values are swapped at random within pairs; the statistic is the difference of the
+    means. Robots of independent groups are dealt to the two groups at random; the statistic is the
+    difference of the means divided by its standard error, which also allows groups of different
+    spread and size (Janssen, Statistics and Probability Letters 36, 1997; Chung and Romano, Annals
+    of Statistics 41, 2013).
 
     Permutations are drawn until `_ENOUGH_EXTREME` of them are as extreme as the data: then the
-    random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). If `draws` end first,
-    p rests on fewer: on about 100 extreme permutations for p = 100 / `draws`.
+    random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). After `draws`
+    permutations, p may rest on fewer extreme ones: about 100 for p = 100 / `draws`.
 
     Args:
       first: Values of the first group, shape (n,).

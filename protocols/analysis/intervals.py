@@ -2,8 +2,8 @@
 
 One rule (`_is_near_an_end`) chooses the method for every mean and every difference of means:
 Gaffke's bounds where the mean is near an end of its range, such as a share of time in contact near
-0, and SciPy's BCa bootstrap otherwise. A bootstrap cannot know of the rare robots that a sample
-lacks. Near an end, BCa covers the mean in 0.3 to 0.8 of samples from the kept runs, not in 0.95.
+0, and SciPy's BCa bootstrap otherwise. A bootstrap misses the rare robots that a sample lacks: near
+an end, BCa covers the mean in 0.3 to 0.8 of samples from our stored runs, not in 0.95.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ ABILITY = (-1.0, 1.0)
 
 FEWEST_RESAMPLED = 5  # robots for which a bootstrap or a test of means is meaningful
 
-_NEAR_AN_END = 5  # the usual bound of n p and n (1 - p), from which a share is about normal
+_NEAR_AN_END = 5  # the usual least n p and n (1 - p) for a normal approximation of a share
 _RESAMPLES = 4999
-_DRAWS = 9999  # of Gaffke's bounds; the random error of an end is below 2 % of its distance
+_DRAWS = 9999  # of Gaffke's bounds; an end's random error: below 2 % of its distance to the mean
 _SEED = 1  # equal data give bit-exact equal intervals
 
 
@@ -53,8 +53,8 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
       values: One value for each robot, shape (n,).
       span: Lowest and highest value that a robot can have, such as `SHARE`; None if not known.
 
-    It is unknown for fewer robots than `FEWEST_RESAMPLED`, and for equal values that are not near
-    an end of `span`.
+    The interval is unknown for fewer robots than `FEWEST_RESAMPLED`, and for equal values that are
+    not near an end of `span`.
     """
     values = np.asarray(values, dtype=float)
     if len(values) >= FEWEST_RESAMPLED and span and _is_near_an_end(values, span):
@@ -65,8 +65,8 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
 def _is_near_an_end(values: np.ndarray, span: Interval) -> bool:
     """Returns whether the mean of n values is within 5 / n of an end of their range.
 
-    The distance is a share of the range. If all values are ends of the range, a share p is "not
-    near" by the textbooks' rule for its normal approximation: n p and n (1 - p) are at least 5.
+    The distance is a share of the range. If all values are ends of the range, "not near" is the
+    textbooks' rule for a share p to be about normal: n p and n (1 - p) are at least 5.
     """
     low, high = span
     share = (values.mean() - low) / (high - low)
@@ -78,7 +78,7 @@ def _gaffke(values: np.ndarray, span: Interval) -> Interval:
 
     Each bound is a quantile of the mean of the values and one end of their range, weighted by the
     spacings of n uniform variables. The end stands for the robots that the sample lacks. If all
-    values are ends, the bounds are Clopper's and Pearson's. Coverage of at least
+    values are ends of the range, the bounds are Clopper's and Pearson's. Coverage of at least
     `LEVEL` is conjectured for all distributions; `tests/analysis/test_intervals.py` simulates it.
 
     Sources: Gaffke, Mathematical Methods of Statistics 14 (2005); Learned-Miller and Thomas, "A new
@@ -137,9 +137,9 @@ def difference_of_shares(first: np.ndarray, second: np.ndarray, paired: bool) ->
     This is method 10 of both of Newcombe's papers (Statistics in Medicine 17, 1998). It combines
     Wilson's intervals of both shares with the correlation of the pairs, 0 for independent groups.
 
-    The groups, shapes (n,) and (m,), say whether each robot has the property. If they are paired,
-    robots of the same index are pairs, and n = m. The interval of the first share minus the second
-    lies in [-1, 1], and is unknown if a group has no robots.
+    `first` (n,) and `second` (m,) mark the robots with the property. If they are paired, robots of
+    the same index are pairs, and n = m. The interval of the first share minus the second lies in
+    [-1, 1], and is unknown if a group has no robots.
     """
     if not len(first) or not len(second):
         return UNKNOWN

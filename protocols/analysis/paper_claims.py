@@ -2,7 +2,7 @@
 
 The paper uses words without a number ("mostly", "far", "about", "many"). Each claim here states a
 number for them. We chose the numbers before the first verdict. Nine claims were added later, one of
-them (fixed robots spin the most) with its numbers in view. The same tests are applied to the
+them (fixed robots spin the most) after we had seen its result. The same tests are applied to the
 paper's own tables where these print enough data.
 """
 
@@ -44,9 +44,9 @@ _FIXED_S, _RANDOM_S, _CREATIVE_S = _S = [Condition(_SPOT, p) for p in PROPOSERS]
 def judge_all(run: Run, behaviour: Behaviour | None = None) -> list[ClaimResult]:
     """Judges every claim, in the paper's order.
 
-    The list is empty for a run with another brain, or with none of the paper's conditions: it
-    neither supports nor contradicts the claims. `behaviour` is that of the run's robots, or None if
-    they were not observed.
+    The list is empty for a run with another brain, or with none of the paper's conditions: such a
+    run neither supports nor contradicts the claims. `behaviour` is that of the run's robots, or
+    None if they were not observed.
     """
     experiment = run.experiment
     comparable = experiment.brain_name == "paper"
@@ -86,9 +86,9 @@ def spoiled_without_contact(evidence: Evidence, condition: Condition) -> Share:
 
 
 def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
-    """Returns the share of robots in the spot for half of training's last quarter or more.
+    """Returns the share of robots in the spot for at least half of training's last quarter.
 
-    Only robots that were in the spot for half of the test before training, or more, count.
+    Only robots in the spot for at least half of the test before training are counted.
     """
     run = evidence.robots(condition)
     chosen = run.shares(condition, "pre") >= 0.5
@@ -100,7 +100,7 @@ def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
 
 
 def late(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share that needs 20 minutes or more, of trained robots that reach the spot."""
+    """Returns the share of trained robots reaching the spot that need 20 minutes or more."""
     if evidence.robots(condition).experiment.time_scale != 1:
         raise Undecidable("the shortened test does not last that long")
     minutes = arrival_minutes(evidence, condition, "post")
@@ -130,7 +130,7 @@ def spinners(evidence: Evidence, condition: Condition) -> Described:
 
 
 def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share that come nearer to the centre, of trained spinners of all proposers."""
+    """Returns the share of trained spinners, of all proposers, that come nearer to the centre."""
     nearer: list[float] = []
     for one in (Condition(condition.task, proposer) for proposer in PROPOSERS):
         spins = spinning(evidence, one)[:, 1] > 0.5
@@ -143,7 +143,7 @@ def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Describe
 
 
 def born_spinners_without_contact(evidence: Evidence, condition: Condition) -> Described:
-    """Returns the share without contact before training, of the robots that spin then."""
+    """Returns the share of robots spinning before training that have no contact then."""
     spins = spinning(evidence, condition)[:, 0] > 0.5
     contact = evidence.robots(condition).shares(condition, "pre")[: len(spins)]
     if not spins.any():
@@ -159,7 +159,7 @@ def ability(evidence: Evidence, condition: Condition) -> Sample:
 
 
 def post_share(evidence: Evidence, condition: Condition) -> Sample:
-    """Returns the summary of shares of the test after training in contact (or in the spot)."""
+    """Returns the summary of shares of time in contact (or in the spot) after training."""
     return Sample.of(evidence.robots(condition).shares(condition, "post"))
 
 

@@ -22,16 +22,16 @@ _SCALE = "factor on every duration, in (0, 1] (1)"
 
 
 class _Conducted:
-    """A command that conducts a study; the study's fields are among its options.
+    """A command that conducts a study; its options include the study's fields.
 
     Attributes:
-      study: A pair: name of a module in `compare`, and name of the study's class in it.
+      study: Name of a module in `compare`, and name of the study's class in it.
     """
 
     study: ClassVar[tuple[str, str]]
 
     def __call__(self) -> None:
-        """Does the work of the study that is left, and prints its page."""
+        """Does the remaining work of the study, and prints the study's page."""
         from ..compare.study import conduct
 
         module, name = self.study

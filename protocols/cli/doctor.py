@@ -35,7 +35,7 @@ _OPTIONAL = {  # package: extra of musebot, and what needs it
     "tensorboard": ("tensorboard", "`musebot run --tensorboard`"),
 }
 _INSTALLATION = "install what the line names (docs/install.md)"
-_PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a hang must end
+_PROBE_SECONDS = 120  # the first image takes seconds without a graphics card; a driver may hang
 
 
 @dataclasses.dataclass
@@ -127,9 +127,9 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     """Returns a probe for each required package, then for each optional one.
 
     Args:
-      lines: Requirements in the form of PEP 508. Those without an extra are required, and those of
-        the extra `brain` if torch is installed, unless they are for other platforms or Python
-        versions. Of the rest, packages in `_OPTIONAL` are optional, and others have no probe.
+      lines: Requirements in the form of PEP 508. Those for this platform and Python version are
+        required if they have no extra, or if they have the extra `brain` and torch is installed. Of
+        the rest, packages in `_OPTIONAL` are optional; others have no probe.
     """
     brain = "brain" if importlib.util.find_spec("torch") else ""
     probes: dict[str, Probe] = {}
@@ -147,7 +147,7 @@ def _not_installed() -> str:
 
 
 def _package(requirement: Requirement, extra: str = "", use: str = "") -> str:
-    """Returns the installed version of a package, which is optional if it has a `use`."""
+    """Returns the installed version of a package; `use`, what needs it, makes it optional."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
     remedy = f"pip install '{requirement.name}{extras}{requirement.specifier}'"
     if use:

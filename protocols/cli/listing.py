@@ -11,7 +11,7 @@ from ..errors import InputError, nearest
 from ..terminal import say
 from .options import argument
 
-# The names are written here too, so that the list needs no heavy import; a test compares them.
+# The names are repeated here, so that the list needs no heavy import; a test compares them.
 _TASKS = {
     "wall_avoidance": "The paper's wall avoidance: reward -1 in contact, else 0; endless episodes.",
     "spot_finding": "The paper's spot finding: reward is the nose signal; endless episodes.",

@@ -1,4 +1,4 @@
-"""Fields of a command: its options, its words without an option, and the executor they choose."""
+"""Fields of a command: its options and positional arguments, and the executor they choose."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def option(
     default: Any, says: str, values: str = "", *, choices: tuple[str, ...] = (), group: str = ""
 ) -> Any:
-    """Returns the field of an option, such as `--robots`.
+    """Returns the dataclass field of an option, such as `--robots`.
 
     Args:
       default: Value if the option is not given; `dataclasses.MISSING` if it must be given.
@@ -30,16 +30,16 @@ def option(
 
 
 def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
-    """Returns the field of a word without an option, such as OUT."""
+    """Returns the dataclass field of a positional argument, such as OUT."""
     notes = {"says": says, "values": values, "choices": (), "group": "", "option": False}
     return dataclasses.field(default=default, metadata=notes)
 
 
 def executor(processes: int | None = None, ray: str | None = None, device: str = "cpu") -> Executor:
-    """Returns the executor of a command's jobs; with Ray, it is connected to the cluster.
+    """Returns the executor of a command's jobs; connects to the cluster if `ray` is given.
 
     This machine runs `processes` jobs at a time, by default one per core. On a GPU, it runs one,
-    because jobs would share the GPU's memory. The cluster's address, `ray`, is HOST:PORT.
+    because jobs would share the GPU's memory. `ray` is the cluster's address, HOST:PORT.
 
     Raises:
       InputError: a value is invalid, there is no such cluster, or Ray is not installed or cannot be

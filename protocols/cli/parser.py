@@ -1,4 +1,4 @@
-"""The command `musebot`: from the words of a command line to a verb and its exit status."""
+"""The command `musebot`: parses a command line, runs its verb, returns the exit status."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _command(words: list[str]) -> Callable[[], None] | None:
-    """Returns the verb with its values; None if help or the version was printed."""
+    """Returns the verb with its options set; None if help or the version was printed."""
     if words == ["--version"]:
         say(f"musebot {__version__}")
         return None
@@ -106,7 +106,7 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
 
 
 def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
-    """Returns the parser of a command's words."""
+    """Returns the parser of a command's arguments."""
     words = [f.metadata["values"] for f in dataclasses.fields(command) if not f.metadata["option"]]
     parser = _Parser(
         prog=prog,
@@ -118,7 +118,7 @@ def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
         formatter_class=_Formatter,
     )
     hints = get_type_hints(command)
-    groups: dict[str | None, Any] = {None: parser.add_argument_group()}  # the words, without title
+    groups: dict[str | None, Any] = {None: parser.add_argument_group()}  # positional, no title
     for field in dataclasses.fields(command):
         notes = field.metadata
         group = (notes["group"] or "options") if notes["option"] else None
@@ -179,7 +179,7 @@ class _Once(argparse.Action):
     def __call__(
         self, parser: Any, namespace: Any, values: Any, option_string: str | None = None
     ) -> None:
-        if str(values) == argparse.SUPPRESS:  # a word without an option that is not given
+        if str(values) == argparse.SUPPRESS:  # a positional argument that is not given
             return
         if hasattr(namespace, self.dest):
             raise InputError(
@@ -191,7 +191,7 @@ class _Once(argparse.Action):
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser that refuses words in one sentence."""
+    """A parser whose errors are one sentence."""
 
     def error(self, message: str) -> Any:
         message = message.removeprefix("argument ")

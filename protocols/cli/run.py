@@ -110,7 +110,7 @@ class Run:
         )
 
     def _rows(self, config: Config) -> dict[Condition, int]:
-        """Returns the number of robots that the file plans for each condition."""
+        """Returns the number of robots that the file of --config plans for each condition."""
         from ..agents.names import recorded_name
         from ..runs.conditions import Condition
 
@@ -118,7 +118,7 @@ class Run:
             rows: dict[Condition, int] = {}
             for (task, proposer), number in config.robots.items():
                 condition = Condition(task, recorded_name(proposer))
-                if condition in rows:  # an agent has several names
+                if condition in rows:  # an agent may have several names
                     raise InputError(f"{condition} is planned twice")
                 rows[condition] = number
             return rows
@@ -137,7 +137,7 @@ class Run:
             check_trusted(condition.proposer, self.config)
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
-        """Returns the plan; a value is from the command, or else the file, OUT or the defaults."""
+        """Returns the plan; values are from the command, else the file, else OUT, else defaults."""
         from ..runs.experiment import Experiment, changed
         from ..runs.manifest import check_identity
         from ..runs.plan import Plan, check_robots, default_cohort_size
@@ -167,7 +167,7 @@ class Run:
         return Plan(experiment, robots)
 
     def _lives(self, values: dict[str, Any]) -> list[str]:
-        """Returns the names of the lives of --life; adds a life from a file to `values`."""
+        """Returns the names of the lives in --life; adds a life from a file to `values`."""
         from ..runs.config import read_life
 
         names = []
@@ -191,7 +191,7 @@ class Run:
         if self.reading is not None:
             values |= named_reading(self.reading)
             if self.body not in (None, values["body"]):
-                values["kinematics"] = Kinematics()  # the reading's are those of its own body
+                values["kinematics"] = Kinematics()  # the reading's kinematics fit only its body
         values |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
         if self.brain is not None:
             values["brain"] = named_brain(self.brain)

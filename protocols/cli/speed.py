@@ -36,8 +36,8 @@ SIMULATORS: dict[str, dict[str, Any]] = {
     "kinematic": {"body": "kinematic"},
     "MuJoCo Warp": {"physics": "warp"},
 }
-_MOST_STEPS = 250  # in a repetition, so that all end before the robots are placed again
-_OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")  # of PyTorch and of Warp
+_MOST_STEPS = 250  # in a repetition, so that all end before robots are placed again
+_OUT_OF_MEMORY = re.compile("out of memory|Failed to allocate")  # messages of PyTorch and of Warp
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,10 +45,10 @@ class Effort:
     """How many robots and steps are timed, and how often."""
 
     repetitions: int = 7
-    robot_steps: int = 12_500  # about, in a repetition
-    cohorts: tuple[int, ...] = (50, 250)
-    backends: tuple[int, ...] = (1, 8, 60, 250, 1000)
-    populations: tuple[int, ...] = (256, 1024, 4096, 16_384, 65_536)  # on a GPU
+    robot_steps: int = 12_500  # in a repetition, approximately
+    cohorts: tuple[int, ...] = (50, 250)  # robots
+    backends: tuple[int, ...] = (1, 8, 60, 250, 1000)  # robots
+    populations: tuple[int, ...] = (256, 1024, 4096, 16_384, 65_536)  # robots on a GPU
     population_steps: int = 100  # control steps in a repetition
 
     def steps(self, robots: int) -> int:
@@ -110,9 +110,9 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
 
 
 def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Callable[[], None]]:
-    """Returns two functions: control steps of a cohort in MuJoCo, and their physics alone.
+    """Returns two functions: one simulates a cohort's steps in MuJoCo, the other their physics.
 
-    The second repeats the robots' motor values from the same states by `mujoco.rollout`: any
+    The second repeats the motor values of the first, from the same states, by `mujoco.rollout`: any
     program that chooses new motor values in every control step must do at least this. The last
     substep is a rollout of its own, where the solver begins anew, as in a `Batch`. The second
     function raises RunError if it ends in other states.
@@ -183,7 +183,7 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
 
 
 def backends(effort: Effort) -> Iterator[dict[str, Any]]:
-    """Yields a row for each number of robots: kinematic lives by Numba against by PyTorch."""
+    """Yields a row for each number of robots: Numba and PyTorch in the kinematic simulator."""
     for robots in effort.backends:
         steps = effort.steps(robots)
         numba, pytorch = (
@@ -247,7 +247,7 @@ def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
         try:
             experiment = Experiment(cohort_size=robots, device=device, **fields)
             length = effort.population_steps, effort.repetitions
-            # Without a name: it must be gone when the next one is made.
+            # The cohort has no name, so that it is freed before the next one is made.
             row |= life(cohort_in_training(experiment, _POPULATION), *length)
         except RuntimeError as error:
             if not _OUT_OF_MEMORY.search(str(error)):

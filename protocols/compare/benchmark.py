@@ -30,7 +30,7 @@ from .tune import LIKE_MUJOCO, read_tunings
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
 HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
 _BRAINS = "paper", "steady"  # by default; any brain may be given
-# In MuJoCo 30 robots can become 60 later. Kinematic robots are cheaper in larger cohorts.
+# Robots of a cohort. In MuJoCo, 30 can become 60 later; large kinematic cohorts are cheaper.
 _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
 
 
@@ -67,7 +67,7 @@ class Benchmark(Study):
                 raise InputError(
                     f"there is no changing life {shown(name)}; {nearest(name, changing)}"
                 )
-        _ = self._chosen  # refuses what no learner has
+        _ = self._chosen  # refuses unknown learners and settings
         shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
         shared |= {"backend": self.backend}
         return {**shared, "signals": self.signals}
@@ -108,7 +108,7 @@ class Benchmark(Study):
         )
 
     def _driver(self, name: str) -> tuple[Sequence[str], dict[str, Any]]:
-        """Returns a learner's proposers, and the fields of its experiment."""
+        """Returns a learner's proposers (an agent: its name), and the fields of its experiment."""
         # In MuJoCo, Numba compiles only the paper's brain.
         compiled = name == "paper" or self.body == "kinematic"
         shared = {"backend": self.backend if compiled else "torch"}
@@ -121,7 +121,7 @@ class Benchmark(Study):
             return ("creative",), {**shared, "brain": brain}
         tuned = self._settings.get((name, self.signals), ())
         words = [*tuned, *self._chosen.get(short_name(name), ())]
-        by_name = {word.partition("=")[0]: word for word in words}  # what is chosen replaces
+        by_name = {word.partition("=")[0]: word for word in words}  # chosen ones replace tuned
         settings = tuple(by_name.values())
         return (name,), {**shared, "signals": self.signals, "settings": settings}
 
@@ -186,7 +186,7 @@ def newborn_lives(life: Life) -> list[str]:
 
 
 def _rows(learner: str, run: Run, life: Life, bounds: Bounds) -> list[Row]:
-    """Returns a learner's rows: an agent's only one, or one for each proposer of a brain."""
+    """Returns a learner's rows: one for an agent, or one for each proposer of a brain."""
     rows = []
     for proposer in run.proposers(life.name):
         curves = shares_of(run, Condition(life.name, proposer))

@@ -1,4 +1,4 @@
-"""Bounds of a life: the shares of time of policies made for its worlds, and of untrained robots."""
+"""Bounds of a life: shares of time at the goal of untrained robots and of its worlds' policies."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from ..runs.experiment import Experiment
 from .jobs import ArrayJob, Arrays, Progress
 
 ROBOTS, MINUTES = 30, 20
-"""Robots of a policy in a world, and minutes in it."""
+"""Robots and minutes with which each policy is measured in each world."""
 
-MOST = 12  # worlds of a life whose policies are tried: of more, every n-th
+MOST = 12  # measured worlds of a life; if it has more, every n-th
 UNTAUGHT = ("untrained", "random")
 
 
@@ -72,7 +72,7 @@ class Matrix:
 
 
 def tried_worlds(life: Life) -> tuple[int, ...]:
-    """Returns the indices in `Life.worlds` of at most `MOST` worlds whose policies are tried."""
+    """Returns the indices in `Life.worlds` of at most `MOST` worlds that are measured."""
     return tuple(range(0, len(life.worlds), -(-len(life.worlds) // MOST)))
 
 
@@ -96,10 +96,10 @@ def matrix_of(job: ArrayJob, life: Life) -> Matrix:
 
 
 def measure(experiment: Experiment, name: str, progress: Progress) -> Arrays:
-    """Measures the shares of time that policies reach in the worlds of a life.
+    """Measures the shares of time at the goal that policies reach in the worlds of a life.
 
     Returns:
-      The array "shares": mean shares of time with what the world rewards, see `Matrix.shares`.
+      The array "shares": mean shares of time at the goal, see `Matrix.shares`.
     """
     life = experiment.life_of(name)
     tried = [life.worlds[number] for number in tried_worlds(life)]
@@ -127,7 +127,7 @@ def _steps(experiment: Experiment) -> int:
 
 
 def _share(experiment: Experiment, life: Life, agent: Agent) -> float:
-    """Returns the share of time in which robots that do not learn reach what is rewarded."""
+    """Returns the mean share of time at the goal of robots that do not learn."""
     batch = experiment.batch(life.task, ROBOTS)
     random = np.random.default_rng(experiment.seed)
     reached = 0

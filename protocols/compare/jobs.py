@@ -104,7 +104,7 @@ class ArrayJob:
 
 
 def simulate_cohort(experiment: Experiment, condition: Condition, progress: Progress) -> Arrays:
-    """Simulates a cohort of an agent that the command has named, from its checkpoint if any.
+    """Simulates a cohort of an agent that the command has named, from a checkpoint if there is one.
 
     Returns:
       The number of steps with the event in each part of a life, "events" of shape (B, parts), and

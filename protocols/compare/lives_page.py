@@ -88,7 +88,7 @@ class Column:
 
 
 def page(columns: Sequence[Column], time_scale: float = 1.0) -> Page:
-    """Returns the benchmark's page of some lives, of which all durations were multiplied."""
+    """Returns the benchmark's page of some lives, whose durations are scaled by `time_scale`."""
     lines = ["## Scores", ""]
     if time_scale < 1:
         lines += [f"A rehearsal, all durations times {time_scale:g}: its numbers mean nothing.", ""]

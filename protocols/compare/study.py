@@ -1,7 +1,7 @@
-"""Conducts studies: work whose results are files, and a page made from these; resumes and locks.
+"""Conducts studies: jobs that write files, and a page made from these; continues stopped ones.
 
-A study's folder OUT holds study.json, which says which study it is, the files of its jobs, the runs
-that it simulates, and its page.
+A study's folder OUT holds study.json (its name and options), the files of its jobs, the runs that
+it simulates, and its page.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 STUDY_FILE = "study.json"
 RunJobs = Callable[..., None]
-"""Runs the jobs that are not done; calls its second argument, if any, with each that ends."""
+"""Runs the jobs that are not done; calls its second argument, if any, with each finished job."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Page:
 class Study(abc.ABC):
     """A question, the work that answers it, and the page of the answer.
 
-    A subclass is a dataclass whose fields are the options, with their ranges (`fields`).
+    A subclass is a dataclass whose fields are the options, with their ranges (module `fields`).
 
     Attributes:
       name: Name of the study and of its page, NAME.md.
@@ -81,7 +81,7 @@ class Study(abc.ABC):
 
     @abc.abstractmethod
     def identity(self) -> Mapping[str, Any]:
-        """Returns what must stay as it is when the study is continued, as plain data for JSON.
+        """Returns what must not change when the study is continued, as plain data for JSON.
 
         Raises:
           InputError: an option is invalid, or something that the study needs is missing.
@@ -105,7 +105,7 @@ class Study(abc.ABC):
 
     @abc.abstractmethod
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """Does all work that is left; the study's own folders in OUT exist."""
+        """Does all remaining work; the study's own folders in OUT exist already."""
 
     @abc.abstractmethod
     def page(self, out: Path) -> Page:
@@ -117,10 +117,10 @@ class Study(abc.ABC):
 
 
 def conduct(study: Study, out: Path, executor: Executor) -> Page:
-    """Does what is left of a study, and writes its page and figures to the folder OUT.
+    """Does the remaining work of a study, and writes its page and figures to the folder OUT.
 
     Raises:
-      InputError: OUT holds other files, another study, or another physics; nothing was done.
+      InputError: OUT has other files, another study, or results of other physics; nothing was done.
       Interrupted, RunError: see `runs.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
@@ -135,7 +135,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
         execute(f"{study.name}: {len(left)} jobs", left, executor, finished)
 
     with locked(out):
-        earlier = _check(study, identity, out)  # another command may have come before
+        earlier = _check(study, identity, out)  # another command may have begun meanwhile
         remove_drafts(out)
         probed = study.experiment()
         content = {
@@ -150,7 +150,7 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
             (out / name).mkdir(exist_ok=True)
             remove_drafts(out / name)
         study.work(out, run_jobs)
-        for name in study.folders:  # what jobs left that were killed after their end
+        for name in study.folders:  # jobs may be killed after storing their arrays
             remove_files(out / name, lambda file: file.endswith(CHECKPOINT))
         page = study.page(out)
         write_text(out / f"{study.name}.md", page.markdown)
@@ -199,7 +199,7 @@ def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
 def simulate_runs(
     out: Path, plans: Mapping[str, Plan], run_jobs: RunJobs, others: Sequence[Job] = ()
 ) -> None:
-    """Simulates what is left of several runs, together with other jobs, so that no core waits.
+    """Simulates the rest of several runs together with other jobs, so that no core waits.
 
     `plans` holds each run's plan by the name of its folder in OUT.
 

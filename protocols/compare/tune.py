@@ -32,10 +32,10 @@ from ..storage import read_json
 from .jobs import ArrayJob, simulate_cohort
 from .study import STUDY_FILE, Page, RunJobs, Study
 
-# Effects of the MuJoCo body that the kinematic simulator can have (docs/physics.md).
+# Effects of the MuJoCo body that the kinematic simulator can imitate (docs/physics.md).
 LIKE_MUJOCO = Kinematics(felt="pushed", wall="slips", lag=0.08)
 _MOST = 1024  # trials
-_TOGETHER = 16  # trials in a cohort, where robots may differ in all tuned settings
+_TOGETHER = 16  # trials in a cohort, if its robots may differ in all tuned settings
 _PARTS: Mapping[Stage, str] = {"post": "after training", "training": "during training"}
 
 
@@ -62,7 +62,7 @@ class Ranked(NamedTuple):
 
     Attributes:
       trial: Number of the trial, and its choice of settings.
-      early: Share of each robot in each part of its life, first round, shape (parts, robots).
+      early: Shares of the robots in each part of life, first round, shape (parts, robots).
       late: Shares in the second round, shape (parts, robots); None if the trial was not kept.
     """
 
@@ -78,7 +78,7 @@ class Tune(Study):
     A robot's value is the share of time at the goal (in wall avoidance: without contact) while it
     learns; in a life with tests, it is the mean of this share and that in the test after training.
     A trial's value is the mean over its robots. If robots may differ in all settings
-    (`Setting.each`), sixteen trials share a cohort, which keeps one core busy.
+    (`Setting.each`), sixteen trials share a cohort, and so a core.
     """
 
     name: ClassVar[str] = "tune"
@@ -260,8 +260,8 @@ class Tune(Study):
 def shares_of(arrays: Mapping[str, np.ndarray], life: Life) -> np.ndarray:
     """Returns each robot's shares of time at the goal, shape (parts, B).
 
-    The parts are the test after training, where a life has one, and training. An invalid robot has
-    0 in all parts. `arrays` is what `jobs.simulate_cohort` returned.
+    The parts are the test after training, if the life has one, and training. An invalid robot has 0
+    in all parts. `arrays` is what `jobs.simulate_cohort` returned.
     """
     shares = []
     for part in _PARTS:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 _HERE = Path(__file__).parent
 
-# The only robot of `musebot run robot --brain steady --robots 1 --task spot_finding --proposer
-# creative`, so not chosen among several.
+# The only robot of `musebot run robot --brain steady --robots 1 --life spot_finding --proposer
+# creative`, not chosen among several.
 ROBOT = _HERE / "robot"
 
 

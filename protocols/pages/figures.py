@@ -21,8 +21,8 @@ from ..runs.learn_ability import CATEGORIES, Summary
 from ..runs.run import Run
 from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks, mark_changes
 
-_NAMES = {"pre": "test", "training": "training", "post": "test"}  # of stages
-_STEPS = 36  # of a learning curve, about
+_NAMES = {"pre": "test", "training": "training", "post": "test"}  # names of stages
+_STEPS = 36  # points of a learning curve, approximately
 _LEAST_LABELLED = 0.06  # share of the robots; a smaller bar has no room for its number
 
 
@@ -49,12 +49,12 @@ def learning_curves(run: Run) -> Figure:
 
 
 def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> None:
-    """Draws the curve of n robots from their shares of each of M minutes, shape (n, M).
+    """Draws the learning curve of n robots; `curves` has their shares by minute, shape (n, M).
 
     No point averages minutes of both a test and training.
     """
     steps, minutes = life.steps_of_minutes(), curves.shape[1]
-    # A minute that two parts share is a stretch of its own.
+    # A minute that two stages share is a point of its own.
     parts = [life.minutes_of(part) for part in STAGES]
     borders = sorted({end for part in parts for end in (part.start, part.stop)})
     edges = [0]
@@ -69,13 +69,13 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
     low, high = np.array([intervals.mean(point, intervals.SHARE) for point in points]).T
     times = np.concatenate([[0], steps.cumsum()])[edges] / control_steps(60)
     hours = (times[:-1] + times[1:]) / 2
-    mark = "o" if len(points) == 1 else None  # a rehearsal
+    mark = "o" if len(points) == 1 else None  # in a rehearsal
     axis.plot(hours, means, marker=mark, **look)
     axis.fill_between(hours, low, high, color=look["color"], alpha=0.2, linewidth=0)
 
 
 def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
-    """Marks tests, training and changes of the world; names the former along the upper axis."""
+    """Marks tests, training and changes of the world; the upper axis names tests and training."""
     life = experiment.life_of(task)
     parts: list[Stage] = [part for part in STAGES if life.steps_of(part)]
     hours = [life.steps_of(part) / control_steps(60) for part in parts]
@@ -101,7 +101,7 @@ def _legend(figure: Figure, styles: Mapping[str, Mapping[str, Any]]) -> None:
 
 
 def categories(run: Run) -> Figure | None:
-    """Draws the share of the robots in each category, ours above the paper's unless ours are few.
+    """Draws the share of robots in each category, with the paper's below unless ours are few.
 
     Returns None for lives without tests.
     """
@@ -123,7 +123,7 @@ def categories(run: Run) -> Figure | None:
 
 
 def _stacks(axis: Axes, life: Life, rows: list[tuple[str, str, Summary]]) -> None:
-    """Draws a stacked bar for each row, a tuple of proposer, source (ours, paper) and column."""
+    """Draws a stacked bar for each row: proposer, source ("here" or "paper") and column."""
     proposers = [proposer for proposer, _, _ in rows]
     places = [i + 0.35 * len({*proposers[: i + 1]}) for i in range(len(rows))]
     shares = np.array([summary.shares for _, _, summary in rows]).T
@@ -151,7 +151,7 @@ def _stacks(axis: Axes, life: Life, rows: list[tuple[str, str, Summary]]) -> Non
 
 
 def abilities(run: Run) -> Figure | None:
-    """Draws the distribution of L over the robots that have it, with bars for L = -1 and L = 1.
+    """Draws the distribution of L over the robots that have one; L = -1 and L = 1 have own bars.
 
     Returns None for lives without tests.
     """
@@ -174,7 +174,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
     values = run.abilities(condition)
     values = values[~np.isnan(values)]
     inner = values[np.abs(values) < 1]
-    counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 18))  # one of them around 0
+    counts, edges = np.histogram(inner, bins=np.linspace(-1, 1, 18))  # one bin is centred on 0
     total = max(len(values), 1)
     axis.bar((edges[:-1] + edges[1:]) / 2, counts / total, width=0.11, color=shade, alpha=0.55)
     ends = [(values == end).sum() / total for end in (-1, 1)]
@@ -193,7 +193,7 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 
 
 def spinning(run: Run, behaviour: Behaviour) -> Figure:
-    """Draws the share of time that each robot spins before and after training, and the means."""
+    """Draws each robot's share of time spinning, before and after training, and the means."""
     tasks = [*dict.fromkeys(condition.task for condition in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
     jitter = np.random.default_rng(0)
@@ -221,7 +221,7 @@ def spinning(run: Run, behaviour: Behaviour) -> Figure:
 
 
 def stays(found: Mapping[str, Stay]) -> Figure:
-    """Draws how much learning robots follow the spot's contour and spin inside it, by minute."""
+    """Draws by minute how often learning robots follow the spot's contour and spin inside it."""
     figure, axes = canvas(2.6, 1, len(found), sharey=True)
     styles = {"along the contour": (0, (3, 1.5)), "spinning inside": "-"}
     for axis, (proposer, stay) in zip(axes[0], found.items(), strict=True):

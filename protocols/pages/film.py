@@ -25,10 +25,10 @@ from .panel import Panel
 from .replay import Episode, Moment, Relived
 from .scene import JUMP, Scene, Trail
 
-_ROUNDING = 1e-6  # [s], of the times of frames and of control steps
+_ROUNDING = 1e-6  # [s], rounding error of the times of frames and control steps
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
-_LONGEST = 3600  # [s], of a film
-_TRAIL_LIMIT = 90.0  # simulated [s] after which it has faded at any speed of the film
+_LONGEST = 3600  # [s], longest film
+_TRAIL_LIMIT = 90.0  # simulated [s] after which the trail has faded at any speed
 
 # Half the size and one palette for the whole film keep the file small.
 _GIF = (
@@ -49,9 +49,9 @@ def film(
     """Films episodes from their starts, at most until one ends or becomes unstable.
 
     The film, an .mp4 (H.264, yuv420p) or a .gif of half the width and height, lasts `seconds` [s].
-    It shows several episodes of one task side by side, made only after all other values have been
-    checked. `speed` is the simulated seconds per second of the film. An existing file is replaced
-    when the film is complete.
+    It shows the episodes, all of one task, side by side; they are made only after all other values
+    have been checked. `speed` is the simulated seconds per second of the film. An existing file is
+    replaced when the film is complete.
 
     Raises:
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
@@ -92,11 +92,11 @@ def shots_at(
 ) -> Iterator[tuple[Moment, Trail]]:
     """Yields what the frame at each time shows; poses are interpolated between control steps.
 
-    All but the pose is that of the control step before. If the simulation has become unstable, the
-    frames end at its last moment. `times` are in [s], ascending; `speed` is the simulated seconds
-    per second of the film.
+    All values but pose and time are those of the preceding control step. If the simulation becomes
+    unstable, the frames end at its last moment. `times` are in [s], ascending; `speed` is the
+    simulated seconds per second of the film.
     """
-    most = math.ceil(_TRAIL_LIMIT / CONTROL_TIMESTEP) + 2  # of the trail, and those around a frame
+    most = math.ceil(_TRAIL_LIMIT / CONTROL_TIMESTEP) + 2  # moments of the trail and around a frame
     past = collections.deque([next(moments)], most)
     for time in times:
         while past[-1].time <= time and (moment := next(moments, None)) is not None:
@@ -104,7 +104,7 @@ def shots_at(
         if past[-1].time < time - _ROUNDING:  # the simulation became unstable
             return
         after = past[-1]
-        moment = after if after.time <= time else past[-2]  # the former: the episode is over
+        moment = after if after.time <= time else past[-2]  # `after`: the episode is over
         way = after.pose - moment.pose
         if np.hypot(*way[:2]) > JUMP:
             way[:] = 0
@@ -116,7 +116,7 @@ def shots_at(
 
 
 def _trail(past: Iterable[Moment], shot: Moment, event: bool, speed: float) -> Trail:
-    """Returns the trail that leads through past moments to a shot with or without an event."""
+    """Returns the trail through past moments to a shot; `event`: whether the shot has the event."""
     time, reach = shot.time, min(_TRAIL * speed, _TRAIL_LIMIT)
     first = math.ceil((time - reach) / CONTROL_TIMESTEP) * CONTROL_TIMESTEP
     points = [m for m in past if first - _ROUNDING < m.time <= time]
@@ -139,7 +139,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
     suffix = output.suffix.lower()
     codec, pixels, options = _ENCODERS[suffix]
     with (
-        handling(signal.default_int_handler, *END_SIGNALS),  # as Ctrl-C, so that nothing is left
+        handling(signal.default_int_handler, *END_SIGNALS),  # like Ctrl-C, so that no draft is left
         tempfile.TemporaryDirectory(prefix="musebot-") as folder,
     ):
         draft = Path(folder) / "film.mp4"  # imageio's FFMPEG writer refuses names in .gif
@@ -159,7 +159,7 @@ def write(output: Path, frames: Iterable[np.ndarray], count: int) -> int:
         # imageio does not check whether ffmpeg could write everything.
         if _frames_in(draft) != given:
             raise OSError(f"{output} could not be written completely; is the disk full?")
-        remove_drafts(output.parent, output.name)  # of a film that was killed
+        remove_drafts(output.parent, output.name)  # of a process that was killed
         write_atomically(output, draft.read_bytes())
         return given
 

@@ -18,7 +18,7 @@ MEANS = "BCa bootstrap over robots; Gaffke's bounds for a mean near an end of it
 """How the intervals of means are computed."""
 
 TITLES = {"wall_avoidance": "Wall avoidance (table 1)", "spot_finding": "Spot finding (table 2)"}
-# Seed and cohort size are stated nowhere, the other two in words of their own.
+# Seed and cohort size are not stated; time scale and life are stated in other words.
 _STATED_APART = ("seed", "cohort_size", "time_scale", "life")
 
 

@@ -14,8 +14,8 @@ from ..runs.run import WHEN, Run, When
 from .replay import SEED, evaluate, stored_brains, watch
 
 SAMPLE = 60  # robots observed in each condition, the first valid ones
-SPIN_MINUTES = 2.0  # of the test, in which spinning is measured
-STAY_MINUTES = 20.0  # of learning, from the rim of the spot on
+SPIN_MINUTES = 2.0  # minutes of the test in which spinning is measured
+STAY_MINUTES = 20.0  # minutes of learning that begins at the spot's rim
 
 
 def observe(run: Run) -> Behaviour:
@@ -40,7 +40,7 @@ def observe(run: Run) -> Behaviour:
 
 
 def finders(run: Run, condition: Condition) -> list[int]:
-    """Returns up to `SAMPLE` rows of robots that spent a tenth of training in the spot, or more."""
+    """Returns up to `SAMPLE` rows of robots that spent at least a tenth of training in the spot."""
     minutes = run.experiment.life_of(condition.task).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
@@ -49,13 +49,13 @@ def finders(run: Run, condition: Condition) -> list[int]:
 def from_the_rim(run: Run, condition: Condition, rows: list[int]) -> tuple[Track, float]:
     """Places untrained robots with their nose at the rim of the spot and lets them learn.
 
-    Returns the track of the robots in these rows of a condition, `STAY_MINUTES` long (times the
-    run's time scale), and the radius of the spot in [m].
+    `rows` are the robots' rows in the condition. Returns their track, `STAY_MINUTES` long (times
+    the time scale), and the radius of the spot in [m].
     """
     agent = stored_brains(run, condition, [(row, "before") for row in rows])
     batch = run.experiment.batch(condition.task, len(rows))
     size = batch.dimensions
-    # The spot is in the middle, ahead of each robot.
+    # The spot is in the arena's centre, ahead of each robot.
     away = size.nose + size.spot_radius
     angles = np.random.default_rng(SEED).uniform(-np.pi, np.pi, len(rows))
     poses = np.stack([-away * np.cos(angles), -away * np.sin(angles), angles], axis=1)

@@ -22,12 +22,12 @@ _MOST_GEOMS = 4000  # in the scene
 class Canvas:
     """Renders a model through one of its cameras.
 
-    `renderer` is OpenGL's name of the renderer; "llvmpipe" is on the CPU. Between `look` and
+    `renderer` is OpenGL's name of the renderer; "llvmpipe" renders on the CPU. Between `look` and
     `pixels`, geoms can be added to MuJoCo's `scene`.
     """
 
     def __init__(self, model: mujoco.MjModel, camera: str, width: int, height: int) -> None:
-        """Opens EGL for images of `width` x `height` pixels by the model's camera of this name.
+        """Opens EGL for images of `width` x `height` pixels by the model's camera `camera`.
 
         Raises:
           InputError: there is no EGL.
@@ -53,7 +53,7 @@ class Canvas:
             self.renderer = str(glGetString(GL_RENDERER).decode())  # type: ignore[union-attr]
             self.scene = mujoco.MjvScene(model, _MOST_GEOMS)
             self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        except Exception as error:  # drivers, PyOpenGL and MuJoCo each raise their own
+        except Exception as error:  # drivers, PyOpenGL and MuJoCo raise various errors
             raise InputError(no_egl(error)) from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
 

@@ -27,13 +27,13 @@ _GAUGES = {
     "speed": ("speed", ("ahead",)),
     "contact": ("contact", ("contact",)),
 }
-_LEFT, _RIGHT = scene.WIDTH + 20, WIDTH - 20  # of what the panel shows
+_LEFT, _RIGHT = scene.WIDTH + 20, WIDTH - 20  # edges of the panel's content
 _TIMELINE = HEIGHT - 40
 _INK, _DIM, _GROOVE, _BACK, _HEAD = "#f2f4f7", "#98a2b1", "#39414f", "#1f252f", "#161b23"
 
 
 class Panel:
-    """Draws the frame: a header above the scene and a panel of instruments to its right."""
+    """Draws a film's frame: a header above the scene and a panel of instruments to its right."""
 
     def __init__(self, episode: Episode | Relived, speed: float, seconds: float) -> None:
         """Draws the parts that all frames of an episode share.
@@ -101,14 +101,14 @@ class Panel:
         return np.asarray(frame)
 
     def _heading(self, draw: ImageDraw.ImageDraw, y: int, text: str) -> int:
-        """Draws a heading; returns the height below it."""
+        """Draws a heading; returns the y coordinate below it."""
         draw.text((_LEFT, y), text, _DIM, self._small, "lm")
         return y + 24
 
     def _gauge(
         self, draw: ImageDraw.ImageDraw, y: int, name: str, value: float, limit: float | None
     ) -> int:
-        """Draws a value in [0, 1], or [-limit, limit] around 0; returns the height below it."""
+        """Draws a value in [0, 1], or [-limit, limit] around 0; returns the y below it."""
         left, right = _LEFT + 52, WIDTH - 70
         text = f"{value:.3f}" if limit is None else f"{value:+.2f}"
         draw.text((_LEFT, y), name, _INK, self._text, "lm")

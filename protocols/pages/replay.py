@@ -36,14 +36,14 @@ from ..runs.run import Run, When
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
 
-SEED = 0  # of the random streams that a run does not store
+SEED = 0  # default seed of random streams, which a run does not store
 
 Act = Callable[[np.ndarray], np.ndarray]
 """Returns motor values in [-0.5, 0.5], shape (B, 2), for observations, float32, shape (B, S)."""
 
-# The two tests, before and after training, and which of the two stored brains drove the robot.
+# For each of the two tests, the stored brain that drove the robot: before or after training.
 BRAINS_OF_TESTS: dict[str, When] = {"pre": "before", "post": "after"}
-_ALONE = np.array([0])  # the robot of a batch of one
+_ALONE = np.array([0])  # index of the robot in a batch of one
 BEFORE = "before training"
 
 
@@ -54,19 +54,19 @@ BEFORE = "before training"
 class Moment:
     """A robot at the start of a control step."""
 
-    time: float  # simulated, since the start of the episode, in [s]
+    time: float  # simulated time since the start of the episode, in [s]
     pose: np.ndarray  # x, y in [m] and heading in [rad], shape (3,)
     spot: np.ndarray  # x, y of the spot's centre in [m], shape (2,)
     signals: dict[str, np.ndarray]  # latest sensor signals by name, each of shape (signals,)
     motors: np.ndarray  # motor values that the driver commands, left motor first, shape (2,)
     contact: bool
-    event: bool  # whether the task's event happens: contact, or being in the spot; False at first
-    event_seconds: float  # with the event, since the start of the episode, in [s]
+    event: bool  # whether the measured event, such as contact, happens; False at first
+    event_seconds: float  # time with the event since the start of the episode, in [s]
     nose: float = 0.0  # angle by which the world turns the nose, in [rad], counterclockwise
 
     @classmethod
     def of(cls, batch: Robots, row: int, step: int, event: bool, events: int) -> Moment:
-        """Returns the moment of a batch's robot `row`, with motor values of 0, not known yet."""
+        """Returns the moment of robot `row`; its motor values are not known yet, and 0."""
         sensed = batch.sensordata[row].copy()
         return cls(
             step * CONTROL_TIMESTEP,
@@ -85,14 +85,14 @@ class Moment:
 class Episode:
     """A robot at its start pose, and the driver that acts from there."""
 
-    task: str  # of the domain "arena"
-    driver: str  # in a few words
-    when: str  # in the driver's life, in a few words
-    event: str  # that is measured, in words
-    batch: Robots  # of one robot
+    task: str  # name of a task of the domain "arena"
+    driver: str  # proposer, agent or policy, in words
+    when: str  # "before training" or "after training"
+    event: str  # measured event, in words
+    batch: Robots  # batch of one robot
     act: Act
     steps: float  # control steps; infinity for an episode without end
-    random: np.random.Generator  # of the spot's places, for tasks in which it jumps
+    random: np.random.Generator  # draws the spot's places in tasks in which it jumps
 
     @classmethod
     def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:
@@ -139,12 +139,12 @@ class Episode:
 
 
 def policy_act(policies: Policies, robot: int, phase: str) -> Act:
-    """Returns the action function of a policy in a `phase`; raises InputError if there is none."""
+    """Returns a policy's action function in the phase "pre" or "post"; InputError if none."""
     return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
 
 
 def _when(phase: str, seed: int = SEED) -> When:
-    """Returns which stored brain drives in a test ("pre", "post"); raises InputError for others."""
+    """Returns which stored brain drives in a test ("pre", "post"); InputError for another name."""
     check_name("phase", phase, BRAINS_OF_TESTS)
     if not 0 <= seed < 2**63:
         raise InputError(f"the seed must lie in [0, 2^63), got {seed}")
@@ -159,14 +159,14 @@ class StoredRobot:
     condition: Condition
     robot: int  # number within the condition
     phase: str  # test to repeat: "pre" before training, or "post" after training
-    seed: int = SEED  # of the brain's noise
+    seed: int = SEED  # seed of the brain's noise
 
     def agent(self) -> Agent:
         """Returns the robot's brain, or its agent, at the time of the test, as a batch of one.
 
         Raises:
           InputError: there is no such robot, its simulation was invalid, its agent is not trusted
-            or cannot take over kept weights, or a value is invalid.
+            or cannot take over stored weights, or a value is invalid.
         """
         when = _when(self.phase, self.seed)
         return stored_brains(self.run, self.condition, [(self.row(), when)], self.seed)
@@ -181,7 +181,7 @@ class StoredRobot:
         """Returns the first phase of the test, with robot and spot at their start places.
 
         Raises:
-          InputError: see `agent`; or the robot has other dimensions than the one that is drawn.
+          InputError: see `agent`; or the robot has other dimensions than the model that is drawn.
         """
         act, experiment, task = self.act(), self.run.experiment, self.condition.task
         _check_drawn(experiment)
@@ -221,24 +221,24 @@ class StoredRobot:
 
 @dataclasses.dataclass(frozen=True)
 class Relived:
-    """A robot of a run in its life, which is simulated again with its whole cohort.
+    """A robot of a run whose life is simulated again, together with its whole cohort.
 
-    Its life can be filmed like an `Episode`, in which nothing is learned.
+    It can be filmed like an `Episode`, but also learns in training.
     """
 
-    task: str  # of the domain "arena"
-    driver: str  # in a few words
-    event: str  # that is measured, in words
+    task: str  # name of a task of the domain "arena"
+    driver: str  # proposer or agent, in words
+    event: str  # measured event, in words
     cohort: Cohort
     robot: int  # number within the condition
 
     @classmethod
     def at(cls, run: Run, condition: Condition, robot: int, minute: float) -> Relived:
-        """Simulates a life up to a minute of it.
+        """Simulates the life of a robot up to `minute`.
 
         Raises:
           InputError: there is no such robot or minute, the agent is not trusted, the robot has
-            other dimensions than the one that is drawn, or it lived on a GPU or in MuJoCo Warp.
+            other dimensions than the model that is drawn, or its run used a GPU or MuJoCo Warp.
         """
         StoredRobot(run, condition, robot, "post").row()
         experiment = run.experiment
@@ -269,7 +269,7 @@ class Relived:
 
     @property
     def seconds(self) -> float:
-        """Rest of the life, in simulated seconds."""
+        """Remaining duration of the life, in simulated seconds."""
         return (self.cohort.steps - self.cohort.step) * CONTROL_TIMESTEP
 
     def moments(self) -> Iterator[Moment]:
@@ -291,7 +291,7 @@ class Relived:
 
 
 def _check_drawn(experiment: Experiment) -> None:
-    """Raises InputError where a run's robot has other dimensions than the one that is drawn."""
+    """Raises InputError if a run's robot has other dimensions than the model that is drawn."""
     for name in ("radius", "wheel_base"):
         if (value := getattr(experiment.kinematics, name)) is not None:
             raise InputError(f"films draw the ordinary robot; this run has {name}={value:g}")
@@ -305,10 +305,10 @@ def _driver(condition: Condition, robot: int) -> str:
 def robots_named(task: str, proposer: str | None, agent: str | None) -> Condition:
     """Returns the condition of the robots that a command names; creative ones by default.
 
-    From then on, the code of a user's agent, named as in `musebot run --agent`, is trusted.
+    `agent` is a name as in `musebot run --agent`; a user's agent is trusted from now on.
 
     Raises:
-      InputError: a name is unknown, or both are given.
+      InputError: a name is unknown, or both an agent and a proposer are given.
     """
     if proposer and agent:
         raise InputError("a robot has a proposer or an agent, not both")
@@ -349,7 +349,7 @@ def stored_brains(
 def evaluate(
     run: Run, condition: Condition, which: Sequence[tuple[int, When]], minutes: float
 ) -> Track:
-    """Evaluates brains, see `stored_brains`, for `minutes_of_test` of the test after training."""
+    """Evaluates `stored_brains` for the first `minutes_of_test` of the test after training."""
     agent = stored_brains(run, condition, which)
     batch = run.experiment.batch(condition.task, len(which))
     start = _first_phase(run.experiment, condition.task, "post")
@@ -359,7 +359,7 @@ def evaluate(
 
 
 def minutes_of_test(run: Run, task: str, most: float) -> float:
-    """Returns `most` minutes, times the time scale; at most those until robots are placed again."""
+    """Returns `most` minutes, times the time scale; fewer if robots are placed again earlier."""
     start = _first_phase(run.experiment, task, "post")
     return min(most * run.experiment.time_scale, start.minutes, start.every_minutes or math.inf)
 
@@ -376,8 +376,8 @@ def watch(
 ) -> Track:
     """Simulates robots from their current poses, shows the progress, and records their track.
 
-    The B robots have been placed. `learning` is whether they learn and explore; `what` describes
-    them in the display of progress.
+    The B robots must have been placed. `learning` is whether they learn and explore; `what`
+    describes them in the display of progress.
     """
     poses = np.empty((steps + 1, batch.robots, 3), dtype=np.float32)
     events = np.empty((steps, batch.robots), dtype=bool)

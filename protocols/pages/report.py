@@ -39,10 +39,10 @@ _FILM_SPEEDS = {True: 60.0, False: 6.0}  # by `Life.wanted`
 
 
 def report(run: Run, out: Path, output: Path | None) -> Path:
-    """Writes a run's figures, page, and missing films if they can be rendered.
+    """Writes a run's figures and page, and renders films that do not exist yet, if possible.
 
-    `out` is the run's folder; figures are in OUT/figures/. The page is `output`, an .html file, or
-    `report.html` in `out` if that is None. Its path is returned.
+    `out` is the run's folder, which gets the figures in `figures/`. The page is `output`, an .html
+    file; None means `report.html` in `out`. Returns the page's path.
 
     Raises:
       InputError: a path cannot be written, or another process writes the report; no file was
@@ -93,7 +93,7 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
 
 
 def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
-    """Films each task's example robot before and after its life, unless the folder has the film.
+    """Films each task's example robot before and after training, unless the film exists.
 
     Returns captions by the films' names, and a sentence about robots that cannot be filmed.
     """
@@ -143,7 +143,7 @@ def page(
 ) -> str:
     """Returns the report as HTML that needs no other file.
 
-    `text` is Markdown. Figures are .png, by the figure's name; films are .mp4, with their captions.
+    `text` is Markdown. `drawn` has figures (.png) by name, `filmed` has captions by film (.mp4).
     `missing` is a sentence about missing films, or empty.
     """
     environment = jinja2.Environment(
@@ -184,7 +184,7 @@ def _uri(path: Path, kind: str) -> str:
 
 
 def _summary(run: Run) -> str:
-    """Returns a sentence on what creative robots achieved, or those of the first proposer."""
+    """Returns a sentence on the results of creative robots, or else of the first proposer's."""
     found = []
     for task in run.tasks():
         life, proposers = run.experiment.life_of(task), run.proposers(task)

@@ -23,9 +23,9 @@ from ..runs.run import WHEN, Run, When
 from .replay import evaluate, stored_brains
 from .style import DARK, EVENT, INK, canvas, colour
 
-MINUTES = {True: 15.0, False: 4.0}  # of the test that trajectories show, by `Life.wanted`
+MINUTES = {True: 15.0, False: 4.0}  # minutes of the test that trajectories show, by `Life.wanted`
 _GRID = 41  # motor values along each side of the grid of all actions
-_LIMITS = (-0.56, 0.56)  # of motor values: marks at the edge of the image stay whole
+_LIMITS = (-0.56, 0.56)  # of the axes: marks at the edge of the image stay whole
 
 
 # ---- Examples ----
@@ -36,16 +36,16 @@ class Example(NamedTuple):
 
     kind: str
     condition: Condition
-    row: int  # among all robots of its condition
+    row: int  # index among all robots of its condition
     robot: int  # its number, unique within the condition
 
 
 def examples(run: Run, task: str) -> list[Example]:
-    """Returns a genius (or an ignorant), and the robots that gained and lost most in training.
+    """Returns a genius (or ignorant), and those that gained ("learner") or lost ("spoiled") most.
 
     They are creative if the run has creative robots. The gain is the change of the time in contact
     (or in the spot) from the test before training to the test after it, positive for an
-    improvement. A kind without a robot is left out; a life without tests has none.
+    improvement. A kind without a robot is left out; a life without tests has no examples.
     """
     life = run.experiment.life_of(task)
     conditions = [c for c in run.conditions() if c.task == task and c.has_brain]
@@ -112,7 +112,7 @@ def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
     """Draws a robot's path from a ring to a dot; violet in contact (or in the spot)."""
     points, events = track.poses[:, index, :2], track.events[:, index]
     for drawn, paint, thick in ((~events, shade, 0.9), (events, EVENT, 1.2)):
-        # A step is drawn if either of its ends is; NaN interrupts the line.
+        # A point is drawn if the step before or after it is; NaN interrupts the line.
         ends = np.concatenate([drawn[:1], drawn]) | np.concatenate([drawn, drawn[-1:]])
         axis.plot(*np.where(ends[:, None], points, np.nan).T, color=paint, lw=thick)
     axis.plot(*points[0], "o", ms=5, mfc="none", mec=INK, mew=1.0)
@@ -131,7 +131,7 @@ def grid() -> torch.Tensor:
 def situations(batch: Robots) -> dict[str, np.ndarray]:
     """Returns the sensor signals, shape (S,), of a robot in three situations of its task, by name.
 
-    The robot of the batch, its only one, is placed in each of them.
+    The only robot of the batch is placed in each of them.
     """
     size, one, (x, y, _) = batch.dimensions, np.array([0]), UPPER_RIGHT
     wall = size.half_length - size.radius
@@ -170,7 +170,7 @@ def values(run: Run, task: str) -> Figure | None:
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
     for axes_of_test, when in zip(axes, WHEN, strict=True):
         agent = stored_brains(run, condition, [(example.row, when)])
-        assert isinstance(agent, NeurocontrollerAgent)  # of a proposer, not of a user's factory
+        assert isinstance(agent, NeurocontrollerAgent)  # examples have brains
         for axis, state in zip(axes_of_test, states.values(), strict=True):
             draw_values(axis, agent.controller, state)
         axes_of_test[0].set_ylabel(f"{when} training\nright motor")
@@ -204,7 +204,7 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
         axis.plot(*best.numpy(), "o", ms=8, mfc="none", mec=edge, mew=thick, clip_on=False)
     axis.set(xticks=[-0.5, 0, 0.5], yticks=[-0.5, 0, 0.5], xlim=_LIMITS, ylim=_LIMITS)
     axis.spines[:].set_visible(False)
-    above = axis.secondary_xaxis("top")  # a title of the panel moves above it
+    above = axis.secondary_xaxis("top")  # the panel's title moves above it
     above.set_xticks([])
     above.spines[:].set_visible(False)
     above.set_xlabel(f"{value.min():z.2f} to {value.max():z.2f}", fontsize=7, labelpad=1)

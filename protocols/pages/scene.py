@@ -16,14 +16,14 @@ from .replay import Moment
 
 WIDTH, HEIGHT = 720, 496  # [pixels]
 
-_NOSES = {"nose": ("nose",), "noses": ("left_nose", "right_nose")}  # sites of the sensor signals
+_NOSES = {"nose": ("nose",), "noses": ("left_nose", "right_nose")}  # sites by signal name
 
 Colour = tuple[float, float, float]
 BLUE, GREY, AMBER = (0.13, 0.42, 0.66), (0.46, 0.53, 0.62), (0.98, 0.65, 0.15)
 RED, GREEN, _MOSS = (0.89, 0.20, 0.16), (0.16, 0.66, 0.27), (0.04, 0.34, 0.12)
-_REACH, _SLICES = 0.24, 12  # of the sector in which a nose smells, in [m], and its triangles
-JUMP = 0.1  # [m], more than a robot drives in a control step: it was placed elsewhere
-_IN_THE_SPOT = 0.1  # [m], more than the distance from a robot in the spot to its centre
+_REACH, _SLICES = 0.24, 12  # radius of a nose's sector in [m], number of its triangles
+JUMP = 0.1  # [m]; a robot that moves more in a control step was placed anew
+_IN_THE_SPOT = 0.1  # [m]; a robot in the spot is nearer than this to the spot's centre
 
 
 class Trail(NamedTuple):
@@ -35,10 +35,10 @@ class Trail(NamedTuple):
 
 
 class Scene:
-    """Draws the arena of a task, or one of other dimensions, with the robot's trail and signals."""
+    """Draws the arena of a task, with the robot's trail and sensor signals."""
 
     def __init__(self, task: str, dimensions: Dimensions | None = None) -> None:
-        """Compiles the arena; raises InputError if there is no EGL."""
+        """Compiles the arena; `dimensions` give the nose's place. InputError without EGL."""
         spec = TASKS[task].spec()
         if dimensions and dimensions.nose == 0:
             centre_nose(spec)
@@ -99,7 +99,7 @@ class Scene:
             self._ring(shot.spot, 0.062, 0.002, GREEN)
         for name in _NOSES.keys() & shot.signals.keys():
             for side, signal in enumerate(shot.signals[name]):
-                height = 0.002 + 0.0001 * side  # two of them must not share a plane
+                height = 0.002 + 0.0001 * side  # two sectors must not share a plane
                 nose = self._data.site(_NOSES[name][side])
                 ahead = np.arctan2(nose.xmat[3], nose.xmat[0]) + shot.nose
                 cosine, sine = np.cos(shot.nose), np.sin(shot.nose)

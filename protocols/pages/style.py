@@ -18,13 +18,13 @@ from ...tasks.lives import Life
 from ..storage import write_atomically
 
 FORMATS = ("svg", "png")
-WIDTH = 5.6  # inches: 9 point remain legible on a telephone's screen
+WIDTH = 5.6  # inches: text of 9 points is legible on a telephone
 
 # Every colour is legible on white and on near-black; the background is transparent. Colours of one
 # figure differ for readers with red-green colour blindness, too.
-INK = "#6e767e"  # of small text: the only grey with a contrast of 4.5 on white and on black
-DARK = "#1b222b"  # of text and marks on a light area
-EVENT = "#8811ff"  # of a path in contact, or in the spot
+INK = "#6e767e"  # colour of small text: the only grey with a contrast of 4.5 on white and on black
+DARK = "#1b222b"  # colour of text and marks on a light area
+EVENT = "#8811ff"  # colour of a path in contact, or in the spot
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#cc66ff", "#776600", "#cc0044", "#775599")
 PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
@@ -48,7 +48,7 @@ _STYLE: dict[Any, Any] = {
     "figure.facecolor": "none",
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
-    "svg.hashsalt": "musebot",  # the same figure, the same bytes
+    "svg.hashsalt": "musebot",  # equal figures have equal bytes
 }
 
 
@@ -96,7 +96,7 @@ def save(figure: Figure, folder: Path, name: str) -> None:
 
 
 def in_per_cent(axis: Axes, top: float | None = None) -> None:
-    """Labels the y axis of shares in per cent; it ends at 0 and `top`, or the highest value."""
+    """Labels a y axis of shares in per cent, from 0 to `top`, or to the highest value if None."""
     axis.set_ylim(0, top)
     axis.yaxis.set_major_formatter(PercentFormatter(1))
 

@@ -1,4 +1,4 @@
-"""Tables 1 and 2 of a run beside the paper's or another run's, and the verdicts on the claims."""
+"""Tables 1 and 2 of a run next to the paper's or another run's, and verdicts on the claims."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..runs.run import FEWEST_COMPARED, Run
 from . import markdown as md
 
 VARIATION = "total variation"
-_NUMBERS = ("mean", "deviation", "post_share")  # of a column, behind its shares
+_NUMBERS = ("mean", "deviation", "post_share")  # of a column, listed after its shares
 _INTERVALS = f"In brackets: 95 % intervals (Wilson for shares; for means and deviations {md.MEANS}"
 _OF_PAPER = (
     "; Student's t for the paper's means, from its table). *By chance*: the total variation that "
@@ -45,7 +45,7 @@ _CLAIMS = (
 _ROUNDED = " L is rounded to two decimals before it is classed (`--exact-classes` does not round)."
 
 
-# ---- A run beside the paper ----
+# ---- A run and the paper ----
 
 
 def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = False) -> str:
@@ -94,7 +94,7 @@ def _form(run: Run, usual: str) -> str:
 
 
 def _columns(run: Run, condition: Condition) -> list[list[str]]:
-    """Returns a condition's column, head and cells, and the paper's column if there is one."""
+    """Returns a condition's column (head, then cells), and the paper's column if there is one."""
     ours, paper = column(run, condition), paper_column(condition)
     name = short_name(condition.proposer)
     if run.few:
@@ -110,7 +110,7 @@ def _columns(run: Run, condition: Condition) -> list[list[str]]:
 
 
 def _cells(column: Column, form: str = ".4f", ends: str = ".3f") -> list[str]:
-    """Returns a column's cells as in `row_names`; `form` is of values, `ends` of intervals."""
+    """Returns cells in the order of `row_names`; formats: `form` of values, `ends` of intervals."""
     summary = column.summary
     invalid = f" (and {summary.invalid} invalid)" if summary.invalid else ""
     shares = zip(summary.counts, summary.shares, column.shares, strict=True)
@@ -131,7 +131,7 @@ def _variation(first: Column, second: Column) -> tuple[float, float]:
 
 
 def _joint_tests(run: Run) -> dict[str, float]:
-    """Returns p of a joint test of each table, and of both; empty without columns of the paper."""
+    """Returns p of a joint test by table, and for both; empty without columns of the paper."""
     found: dict[str, list[tuple[tuple[int, ...], tuple[int, ...]]]] = {}
     for condition in run.conditions():
         ours, paper = run.summary(condition), paper_column(condition)
@@ -147,7 +147,7 @@ def _joint_tests(run: Run) -> dict[str, float]:
 def as_json(run: Run) -> dict[str, Any]:
     """Returns the tables of a run and of the paper, and the claims, as data; None for NaN.
 
-    Few robots are neither tested nor compared with the paper, as in `markdown`.
+    As in `markdown`, a run with few robots is neither tested nor compared with the paper.
     """
     found: dict[str, Any] = {}
     for condition in run.conditions():
@@ -226,7 +226,7 @@ def _claims(experiment: Experiment, results: Sequence[ClaimResult]) -> str:
 
 
 def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> str:
-    """Returns how two runs differ; `cells` are those that `comparison.compare_runs` returns."""
+    """Returns Markdown on how two runs differ; `cells` come from `comparison.compare_runs`."""
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
     lines = [f"**{names[0]}** compared with **{names[1]}**. {_differ_in(ours, other)}", ""]

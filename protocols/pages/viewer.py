@@ -39,7 +39,7 @@ class Driver:
     name: str
     policy: Policy
     nose: NoseForm = "inverse"  # form of Eq. 3 by which the robot's nose computes the smell
-    task: str | None = None  # that the driver has learned; None if it can drive in any
+    task: str | None = None  # task that the driver has learned; None for any task
 
     @classmethod
     def of_robot(cls, robot: StoredRobot) -> Driver:
@@ -71,7 +71,7 @@ class Driver:
 def explore(task: str, driver: Driver | None = None) -> None:
     """Opens a window on a task of the domain "arena"; without a driver, motors are random.
 
-    The key Backspace starts again, with random places of robot and spot.
+    The key Backspace restarts the episode, with random places of robot and spot.
 
     Raises:
       InputError: there is no such task, or no display.
@@ -107,7 +107,7 @@ def check_display() -> None:
 
 
 def random_motors(seed: int, steps: int = 10) -> Policy:
-    """Returns a policy that draws uniform motor values and holds each for some control steps."""
+    """Returns a policy that draws uniform motor values and holds each for `steps` control steps."""
     random = np.random.default_rng(seed)
     drawn = (random.uniform(-0.5, 0.5, 2) for _ in itertools.count())
     held = itertools.chain.from_iterable(itertools.repeat(motors, steps) for motors in drawn)
@@ -117,7 +117,7 @@ def random_motors(seed: int, steps: int = 10) -> Policy:
 class ArrowKeys:
     """A policy by arrow keys: while they are held, up and down drive, left and right turn.
 
-    In a paused window, the right arrow, the viewer's key for a single step, simulates one.
+    In a paused window, the right arrow is the viewer's key for a single control step.
     """
 
     def __init__(self) -> None:
@@ -138,7 +138,7 @@ class ArrowKeys:
 
 
 def sensing(make: Callable[[], Act]) -> Policy:
-    """Returns a policy that acts by the function that `make` returns for each episode."""
+    """Returns a policy that acts by a function, which `make` makes anew for each episode."""
     act = make()  # raises InputError before a window opens
 
     def policy(timestep: dm_env.TimeStep) -> np.ndarray:

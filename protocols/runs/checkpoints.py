@@ -1,4 +1,4 @@
-"""Checkpoints of unfinished cohorts, and results of finished ones, in `OUT/checkpoints`."""
+"""Checkpoints of unfinished cohorts and results of finished ones, in a run's `checkpoints/`."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ CHECKPOINTS = "checkpoints"
 
 
 def checkpoint_file(directory: Path, key: CohortKey) -> Path:
-    """Returns the file of an unfinished cohort's last checkpoint, in a run's folder."""
+    """Returns the path of an unfinished cohort's checkpoint; `directory` is the run's folder."""
     return directory / CHECKPOINTS / f"{key}.safetensors"
 
 
 def finished_file(directory: Path, key: CohortKey) -> Path:
-    """Returns the file that keeps a finished cohort's results until the whole run is finished."""
+    """Returns the path of a finished cohort's results, kept until all cohorts are finished."""
     return directory / CHECKPOINTS / f"{key}.finished.safetensors"
 
 
@@ -42,10 +42,10 @@ def save_checkpoint(path: Path, cohort: Cohort) -> None:
 def restored_cohort(
     path: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
 ) -> tuple[Cohort, str]:
-    """Returns a cohort from its checkpoint, or else a new one, and a message.
+    """Returns a cohort, restored from its checkpoint or new, and a message.
 
-    The message is about a damaged file, or empty. The robots are those of `batch`, which have not
-    moved yet, or new ones if it is None.
+    The message reports a damaged checkpoint; otherwise it is empty. `batch` holds the cohort's
+    robots, which have not moved yet; None makes new ones.
     """
     unmoved = {} if batch is None else batch.get_state()
     cohort = Cohort(experiment, key, batch)
@@ -68,9 +68,9 @@ def restored_cohort(
 def restored_cohorts(
     directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
 ) -> tuple[list[Cohort], str]:
-    """Returns cohorts of one task that share their physics, and a message about damaged files.
+    """Returns restored or new cohorts of one task, and a message about damaged checkpoints.
 
-    Only robots on tensors allow more than one cohort.
+    Several cohorts share one batch of robots, which must be on tensors (`Experiment.on_tensors`).
     """
     if len(keys) == 1:
         cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
@@ -84,7 +84,7 @@ def restored_cohorts(
 
 
 def read_minutes(directory: Path, experiment: Experiment, key: CohortKey) -> np.ndarray:
-    """Reads from a cohort's checkpoint how often the measured event happened so far.
+    """Reads from a cohort's checkpoint how often the measured event has happened so far.
 
     Returns:
       Number of control steps in contact, or in the spot, of each valid robot in each whole
@@ -95,7 +95,7 @@ def read_minutes(directory: Path, experiment: Experiment, key: CohortKey) -> np.
         check_identity(path, notes, _identity(experiment, key))
         whole = notes["step"] // control_steps(1)
         return arrays["minutes"][arrays["batch.valid"], :whole]
-    except (OSError, DamagedFileError, KeyError):  # the job itself says what is wrong with it
+    except (OSError, DamagedFileError, KeyError):  # the cohort's job reports the damage
         return np.zeros((experiment.cohort_size, 0), np.int16)
 
 
@@ -105,7 +105,7 @@ def save_lives(path: Path, lives: Lives, experiment: Experiment, key: CohortKey)
 
 
 def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
-    """Reads the results of a finished cohort, and checks that they can be of this experiment.
+    """Reads the results of a finished cohort, and checks that they fit the experiment.
 
     Raises:
       FileNotFoundError: there is no such file.
@@ -127,11 +127,11 @@ def read_lives(path: Path, experiment: Experiment, key: CohortKey) -> Lives:
 
 
 def _identity(experiment: Experiment, key: CohortKey) -> dict[str, Any]:
-    """Returns the notes that name the experiment and the cohort of a file."""
+    """Returns the JSON notes by which a file names its experiment and its cohort."""
     return {"cohort": str(key), **dataclasses.asdict(experiment)}
 
 
 def set_aside(path: Path, key: CohortKey, damage: str) -> str:
-    """Renames a damaged file, and returns the message that says so."""
+    """Renames a cohort's damaged file, and returns a message about it."""
     path.replace(path.with_suffix(".damaged"))
     return f"{damage}; set aside, cohort {key} starts anew"

@@ -56,12 +56,12 @@ def random_streams(seed: int, key: CohortKey) -> tuple[int, np.random.Generator]
 
 
 def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: int) -> Agent:
-    """Makes the untrained agent of `robots` robots; `seed` starts its random stream.
+    """Makes an untrained agent that drives `robots` robots; `seed` starts its random stream.
 
     Raises:
-      InputError: the factory is not trusted, is not found, fails to import, lacks one of the
-        settings, or returns no agent.
-      RunError: the factory's module or the factory exits.
+      InputError: the agent's factory is not trusted, is not found, fails to import, lacks one of
+        the settings, or returns no agent.
+      RunError: the factory, or the import of its module, exits.
     """
     senses = senses_of(experiment.life_of(condition.task).task)
     proposer = condition.proposer
@@ -89,10 +89,10 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
 def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
     """Returns a function that simulates control steps of a compiled brain in one loop, or None.
 
-    The function takes a number of steps, whether robots learn, and counts to which it adds events.
-    None is returned if there is no such loop for this agent and this simulator.
+    The function takes the number of steps, whether robots learn, and the robots' counts of events,
+    shape (B,), to which it adds. It is None if this agent or this simulator has no such loop.
     """
-    # A subclass of the agent may act otherwise; only a compiled brain shows that Numba is there.
+    # A subclass of the agent may act otherwise. A compiled brain shows that Numba is installed.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
     from .compiled_life import CompiledLife, compilable
@@ -111,7 +111,7 @@ class Cohort:
       batch: The B robots in their arenas, on the experiment's device.
       agent: Agent that drives all B robots.
       decide: Function that takes `learning`, calls `device.decide` for these robots, and returns
-        their motor values. For brains on a GPU, it replays a captured CUDA graph instead.
+        their motor values, (B, 2). For brains on a GPU, it replays a captured CUDA graph instead.
       step: Number of control steps simulated so far.
       steps: Number of control steps of the whole life.
     """
@@ -132,7 +132,7 @@ class Cohort:
             self.batch.compile()
         with device_of(experiment):
             self.agent = make_agent(experiment, key.condition, robots, seed)
-        self._counts = zero_counts(self.batch)  # events that `store` has not seen
+        self._counts = zero_counts(self.batch)  # events since the last `store`
         self.decide: Callable[[bool], Any] = functools.partial(decide, self.agent, self.batch)
         self._count_events = functools.partial(add_events, self.batch, self._counts)
         if captured := captured_steps(self.agent, self.batch, self._counts):
@@ -142,7 +142,7 @@ class Cohort:
         self._compiled = compiled_life(self.agent, self.batch) if alone else None
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = life.legs()
-        self.step, self._entered = 0, -1  # steps so far; that of the last placement
+        self.step, self._entered = 0, -1  # steps so far; step of the last placement
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
@@ -161,21 +161,21 @@ class Cohort:
 
     @property
     def leg(self) -> Leg:
-        """The stretch of the life, between two placements, with the next control step."""
+        """The stretch between two placements to which the next control step belongs."""
         return next(leg for leg in self._legs if self.step < leg.stop)
 
     def advance(self, steps: int) -> None:
-        """Simulates the given number of control steps, or fewer if the life ends before."""
+        """Simulates the given number of control steps, or fewer if the life ends earlier."""
         advance_together([self], steps)
 
     def enter(self) -> None:
-        """Places robots and spots, once, if a new stretch (`leg`) begins with the next step."""
+        """Places robots and spots if the next step begins a `leg`; a second call does nothing."""
         if self.step == self.leg.start != self._entered:
             self.place(self.leg.phase)
             self._entered = self.step
 
     def recorded(self) -> Recorder:
-        """Simulates step by step from now on; returns the recorder of the robots' motor values."""
+        """Records motor values from now on, without the compiled loop; returns the recorder."""
         self._compiled = None
         recorder = self.agent = Recorder(self.agent)
         self.decide = functools.partial(decide, recorder, self.batch)
@@ -188,12 +188,12 @@ class Cohort:
             self.agent.reset()
 
     def count(self) -> None:
-        """Counts a control step, and the robots with the measured event after it."""
+        """Counts a control step, and adds the events after it to the robots' counts."""
         self._count_events()
         self.step += 1
 
     def simulate(self, steps: int, learning: bool) -> bool:
-        """Simulates and counts control steps in one loop; returns False if there is none."""
+        """Simulates and counts steps in the compiled loop; returns False without such a loop."""
         if self._compiled is None:
             return False
         self._compiled(steps, learning, self._counts)
@@ -201,7 +201,7 @@ class Cohort:
         return True
 
     def store(self, phase: Phase) -> None:
-        """Stores the counted events, which are of one phase and minute, and counts from 0 again.
+        """Adds the counts, all from one phase and one minute, to the totals, and resets them to 0.
 
         When a minute or the life ends, robots with a NaN or infinite weight are stopped.
         """
@@ -222,7 +222,7 @@ class Cohort:
         new = ~self.valid & ~self._stopped
         self._stopped |= new
         unsound = self.unsound() if new.any() else new
-        # An action that is not finite stops a robot before its weights are looked at.
+        # An action that is not finite stops a robot before its weights are checked.
         causes = {
             "unstable simulation": new & ~unsound,
             "weights that are not finite": new & unsound,
@@ -253,10 +253,10 @@ class Cohort:
     def check_shapes(self, shapes: Shapes) -> None:
         """Checks names, dtypes and shapes of a checkpoint's arrays before any is read.
 
-        Arrays of a user's agent are not checked here: its `load_state` does that.
+        Arrays of an agent that is no brain are not checked here: its `load_state` does that.
 
         Raises:
-          ValueError: an array is missing, foreign, or of another dtype or shape.
+          ValueError: an array is missing or unexpected, or has a wrong dtype or shape.
         """
         wanted: Shapes = {
             name: (DTYPES.get(array.dtype, array.dtype.str), array.shape)
@@ -270,11 +270,11 @@ class Cohort:
         check_same_shapes(wanted, shapes)
 
     def restore(self, arrays: Mapping[str, np.ndarray], notes: Mapping[str, Any]) -> None:
-        """Continues from a checkpoint's arrays, which `check_shapes` has allowed, and notes.
+        """Continues from the arrays, checked by `check_shapes`, and the notes of a checkpoint.
 
         Raises:
           ArithmeticError, AttributeError, KeyError, TypeError, ValueError: an array or a note is
-            missing, or not of a checkpoint.
+            missing or invalid.
         """
         groups: dict[str, dict[str, Any]] = {"before": {}, "brain": {}, "batch": {}}
         for name, array in arrays.items():
@@ -292,8 +292,8 @@ class Cohort:
         try:
             self.agent.load_state(groups["brain"])
         except MemoryError:
-            raise  # the checkpoint is sound
-        except Exception as error:  # a user's agent may raise anything for a state of another's
+            raise  # the checkpoint is not damaged
+        except Exception as error:  # an agent may raise anything for another agent's state
             raise ValueError(f"its agent does not continue ({error!r})") from error
         for name, weights in self._before.items():
             weights[:] = groups["before"][name]
@@ -305,10 +305,10 @@ class Cohort:
 
 
 def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
-    """Simulates control steps of cohorts: of one, or of several that are parts of one batch.
+    """Simulates control steps of one cohort, or of several that are parts of one batch.
 
-    A process that was killed may have saved only some of the cohorts: then those at the earliest
-    step are simulated first, while the others keep their states.
+    If a killed process saved only some cohorts, those at the earliest step are simulated first,
+    while the others keep their states.
 
     Args:
       cohorts: Cohorts of one task, at least one of them not finished.
@@ -325,7 +325,7 @@ def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
         for cohort in moving:
             cohort.enter()
         steps = min(leg.stop, until, now - now % _MINUTE + _MINUTE) - now
-        if moving[0].simulate(steps, leg.phase.learning):  # alone: a part of a batch cannot
+        if moving[0].simulate(steps, leg.phase.learning):  # True for a single compiled cohort only
             steps = 0
         for _ in range(steps):
             motors = [cohort.decide(leg.phase.learning) for cohort in moving]

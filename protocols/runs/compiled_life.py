@@ -13,7 +13,7 @@ from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
-_BLOCK = 500_000  # actions whose random numbers are drawn at once: they fit a cache
+_BLOCK = 500_000  # actions whose random numbers are drawn at once, so that these fit a cache
 
 
 class CompiledLife:
@@ -43,7 +43,7 @@ def compilable(batch: KinematicBatch) -> bool:
 
 
 def task_numbers(batch: KinematicBatch) -> Any:
-    """Returns the numbers of a task that the compiled loop reads, see `equations.simulate`."""
+    """Returns the parameters of the robots' task that `equations.simulate` needs."""
     rules = batch.rules
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose

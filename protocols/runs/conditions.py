@@ -21,7 +21,7 @@ class Condition:
 
     Attributes:
       task: Name of a life, such as "spot_finding"; NAME@K is phase K (from 1) of the life NAME,
-        with newborn robots.
+        with untrained robots.
       proposer: "fixed", "random" or "creative", or the factory of an agent as
         "package.module:factory".
     """
@@ -30,7 +30,7 @@ class Condition:
     proposer: str
 
     def __post_init__(self) -> None:
-        """Raises InputError if no life can be named `task`, or no proposer or agent `proposer`."""
+        """Raises InputError if `task` or `proposer` has a wrong form."""
         if not LIFE_NAME.fullmatch(self.task):
             raise InputError(
                 f"a life has a name such as {', '.join(LIVES)}, got {shown(self.task)}"
@@ -47,7 +47,7 @@ class Condition:
 
     @property
     def has_brain(self) -> bool:
-        """Whether a neurocontroller drives the robots, not a user's agent."""
+        """Whether a neurocontroller drives the robots, not another agent."""
         return self.proposer in PROPOSERS
 
     @property
@@ -74,7 +74,7 @@ class CohortKey:
 
 
 def check_proposer(name: str) -> None:
-    """Raises InputError if a name is no proposer's and not of the form of an agent's factory."""
+    """Raises InputError unless `name` is a proposer or has the form "package.module:factory"."""
     if name not in PROPOSERS and not _FACTORY.fullmatch(name):
         question = similar(name, PROPOSERS)
         raise InputError(

@@ -1,4 +1,4 @@
-"""Reads experiments: names of brains and readings, words NAME=VALUE, and files.
+"""Reads experiments from names of brains and readings, words NAME=VALUE, and files.
 
 A file is TOML, or the `experiment.json` of a run.
 """
@@ -28,8 +28,8 @@ from .plan import check_robots
 
 Numbers = TypeVar("Numbers", Parameters, Kinematics)
 
-# Readings of the paper: fields of an experiment. "body": the brain in a physical body. "plain": the
-# plainest program that the paper's text describes (docs/paper.md).
+# Readings (interpretations) of the paper, as fields of an experiment. "body": the brain in a
+# physical body. "plain": the simplest program that fits the paper's text (docs/paper.md).
 READINGS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
     {
         "body": MappingProxyType(
@@ -53,13 +53,13 @@ _ROW = ("task", "proposer", "robots")
 
 
 def named_reading(name: str) -> Mapping[str, Any]:
-    """Returns the fields that a reading of the paper sets; raises InputError if there is none."""
+    """Returns the fields that a reading of the paper sets; InputError for an unknown name."""
     check_name("reading", name, READINGS)
     return READINGS[name]
 
 
 def named_brain(name: str) -> Parameters:
-    """Returns the parameters of a named brain; raises InputError if there is none."""
+    """Returns the parameters of a named brain; raises InputError for an unknown name."""
     check_name("brain", name, BRAINS)
     return BRAINS[name]
 
@@ -71,7 +71,8 @@ def values_of(words: Iterable[str], known: Iterable[str]) -> dict[str, Any]:
     """Reads words NAME=VALUE; returns the values by name.
 
     Args:
-      words: Words NAME=VALUE; a number or JSON (true, [1,2]) as VALUE is decoded, else it is text.
+      words: Words NAME=VALUE. A number or JSON (true, [1,2]) as VALUE is decoded; all else
+        is text.
       known: Names that may stand before "=".
 
     Raises:
@@ -128,9 +129,9 @@ class Config:
 def read_config(path: Path) -> Config:
     """Reads a file with the sections `experiment` and `plan` of a run's `experiment.json`.
 
-    Every field may be left out. `brain` is the name of a brain, or parameters that differ from the
-    paper's brain. If these contain a `name`, they differ from the brain of this name instead. Other
-    fields are checked by `experiment.changed`: the command may override them.
+    Every field may be left out. `brain` is the name of a brain, or parameters that replace those of
+    the paper's brain. If they include a `name`, they replace those of the brain of this name. The
+    other fields are checked later, by `experiment.changed`: the command may override them.
 
     Args:
       path: File to read: JSON if it ends in .json, otherwise TOML.
@@ -158,8 +159,8 @@ def read_life(path: Path) -> Life:
     """Returns the life of a TOML file (docs/lives.md).
 
     Raises:
-      InputError: there is no such file, it cannot be read, its life has the name of a life or task
-        of musebot, or a value is not allowed.
+      InputError: there is no such file, it cannot be read, its life has the name of one of
+        musebot's lives or tasks, or a value is not allowed.
     """
     try:
         return _own_life(tomllib.loads(read_whole(path).decode()))

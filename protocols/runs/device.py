@@ -1,4 +1,4 @@
-"""Devices: where the robots of a cohort and their brains compute, and how a GPU repeats a step."""
+"""Devices that compute robots and brains, and CUDA graphs that replay control steps on a GPU."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
 
 
 def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
-    """Returns the robots of some cohorts, at the origin, on the experiment's device.
+    """Returns a batch of robots for each cohort, at the origin, on the experiment's device.
 
-    Several cohorts, which only robots on tensors allow, are parts of one batch.
+    The batches of several cohorts are parts of one, which must be on tensors (`on_tensors`).
     """
     batch = experiment.batch(task, cohorts * experiment.cohort_size)
     if not experiment.on_tensors:
@@ -51,7 +51,7 @@ def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
     """Simulates one control step of robots.
 
     Args:
-      batches: One batch, or parts of one batch. The other parts get motor values of 0.
+      batches: One batch, or parts of one batch. Parts left out get motor values of 0.
       motors: Left and right motor values, shape (B, 2), for each of `batches`.
     """
     first = batches[0]
@@ -69,7 +69,7 @@ def decide(agent: Agent, batch: Robots, learning: bool) -> Any:
     """Lets an agent act and, if `learning`, explore and learn from the previous step.
 
     Returns:
-      Motor values for the physics' next step, shape (B, 2).
+      Motor values for the next control step, shape (B, 2).
     """
     rules, sensordata = batch.rules, batch.sensordata
     motors = agent.act(_single(rules.state(sensordata)), learning)
@@ -96,27 +96,27 @@ def zero_counts(batch: Robots) -> Any:
 
 
 def add_events(batch: Robots, counts: Any) -> None:
-    """Adds 1 to the count, shape (B,), of each robot with the measured event, such as contact."""
+    """Adds 1 to `counts`, shape (B,), for each robot with the measured event, such as contact."""
     counts += batch.rules.event(batch.sensordata)
 
 
 class CapturedSteps:
-    """All of a control step on a GPU but the physics, captured as CUDA graphs, then replayed.
+    """Control steps on a GPU without the physics: captured as CUDA graphs, then replayed.
 
-    Training and tests are captured separately, and each for both places in which a brain remembers
-    alternate steps.
+    Training and tests have separate graphs. Each has two, because a brain stores successive steps
+    alternately in two places.
 
     Attributes:
-      count: Function, called after a step of the physics, that runs `add_events` for the robots.
+      count: Function to call after the physics of a step; it calls `add_events` for the robots.
     """
 
     def __init__(self, brain: Neurocontroller, batch: Robots, counts: torch.Tensor) -> None:
-        """Prepares the steps; the first ones run directly, before they are captured.
+        """Prepares the graphs; the first calls do their work directly, without capture.
 
         Args:
           brain: Brains of the B robots, on a GPU.
           batch: Robots whose sensor data are tensors on the brains' device.
-          counts: Number of control steps with the measured event of each robot since the last
+          counts: Each robot's number of control steps with the measured event since the last
             `Cohort.store`, shape (B,). Each step adds to it in place.
         """
         device, random = counts.device, brain.generator
@@ -132,7 +132,7 @@ class CapturedSteps:
         self.count = capture.Captured(functools.partial(add_events, batch, counts), device)
 
     def decide(self, learning: bool) -> torch.Tensor:
-        """Does the work of `Cohort.decide`; the next step overwrites the motor values."""
+        """Decides as `device.decide` does; the next call overwrites the returned motor values."""
         self._steps[learning, self._brain.begin()]()
         if learning:
             self._brain.end()
@@ -148,7 +148,7 @@ def _decide(brain: Neurocontroller, batch: Robots, motors: torch.Tensor, learnin
 
 
 def captured_steps(agent: Agent, batch: Robots, counts: Any) -> CapturedSteps | None:
-    """Returns a cohort's steps as a GPU replays them; None if they are not captured."""
+    """Returns the `CapturedSteps` of a brain on a GPU; None for other agents and devices."""
     is_brain = type(agent) is NeurocontrollerAgent  # a subclass may act otherwise
     if is_brain and isinstance(counts, torch.Tensor) and capture.captures(counts.device):
         return CapturedSteps(agent.controller, batch, counts)

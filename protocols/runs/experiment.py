@@ -32,9 +32,9 @@ BODIES: tuple[Body, ...] = get_args(Body)
 
 @dataclasses.dataclass(frozen=True)
 class Experiment:
-    """Everything that decides the lives of a cohort, bit-exactly on one machine.
+    """Parameters of a simulation; on one machine, equal ones give bit-exactly equal lives.
 
-    The number of robots, their conditions and the number of processes are not part of it: more
+    Not among them are the conditions, the number of processes, and the number of robots: more
     robots are more cohorts.
 
     Attributes:
@@ -50,7 +50,7 @@ class Experiment:
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       motor_torque: Stall torque of the motors if `motor_speed` is set: "constant", so that faster
         wheels lag behind for longer, or "scaled" with the speed, so that the lag stays equal.
-      body: "mujoco", or "kinematic" for the kinematic simulator (`models.kinematic`).
+      body: Simulated body: "mujoco", or "kinematic" for the simulator `models.kinematic`.
       kinematics: Settings of the kinematic simulator, for the body "kinematic" only.
       brain: Parameters of the neurocontroller, for conditions with a proposer.
       physics: Engine of the body "mujoco": "c" for MuJoCo, "warp" for MuJoCo Warp, which
@@ -58,8 +58,8 @@ class Experiment:
       device: Device on which brains and simulator compute: "cpu", or a GPU, such as "cuda" or
         "cuda:1". A GPU needs the kinematic simulator or MuJoCo Warp. Lives differ between devices,
         because random numbers and rounding do.
-      backend: "torch", or "numba", which compiles the kinematic simulator, and the paper's brain
-        (docs/performance.md). Lives with the two differ by rounding.
+      backend: Library that computes: "torch", or "numba", which compiles the paper's brain and the
+        kinematic simulator (docs/performance.md). Their lives differ by rounding.
       signals: Observation set of agents: "paper", or "raw" with smell and reward before they
         saturate (see `agents.signals`). For brains, the parameters `raw_signals` and `raw_reward`
         set this.
@@ -132,14 +132,14 @@ class Experiment:
 
     @property
     def brain_name(self) -> str:
-        """Name of the nearest named brain, with the overrides that turn it into this brain."""
+        """Name of the most similar named brain, followed by the parameters that differ from it."""
         overrides = {name: overrides_of(self.brain, named) for name, named in BRAINS.items()}
         closest = min(overrides, key=lambda name: len(overrides[name]))
         return " ".join([closest, *overrides[closest]])
 
     @property
     def rehearsal(self) -> str:
-        """Text that all durations are scaled; empty if they are not."""
+        """Text about the scale of all durations; empty for a scale of 1."""
         return "" if self.time_scale == 1 else f"all durations times {self.time_scale:g}"
 
     def life_of(self, name: str) -> Life:
@@ -151,14 +151,14 @@ class Experiment:
             raise InputError(f"there is no life {shown(name)}; {nearest(name, lives)}") from None
 
     def robot_seconds(self, steps: int) -> float:
-        """Returns the simulated seconds of some control steps, added up over a cohort's robots."""
+        """Returns the simulated seconds of `steps` control steps, summed over a cohort's robots."""
         return steps * self.cohort_size * CONTROL_TIMESTEP
 
     def batch(self, life: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Returns robots in lockstep on the host, with the body of the experiment.
 
-        The body "mujoco" is simulated by C MuJoCo: a cohort then moves its robots to the
-        experiment's device and physics, films and figures do not.
+        MuJoCo in C simulates the body "mujoco". Cohorts move their robots to the experiment's
+        device and physics afterwards; films and figures do not.
 
         Args:
           life: Name of a life, or of a task of the domain "arena".
@@ -209,7 +209,7 @@ def overrides_of(numbers: Parameters | Kinematics, reference: Parameters | Kinem
 def differing(ours: Experiment, other: Experiment) -> dict[str, tuple[Any, Any]]:
     """Returns both values of each field in which two experiments differ, by dotted name.
 
-    The value of a life is its name.
+    A life is given by its name.
     """
     first, second = (flat(dataclasses.asdict(one) | {"life": one.life}) for one in (ours, other))
     found = {name: (first[name], second[name]) for name in first if first[name] != second[name]}

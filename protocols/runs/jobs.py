@@ -31,7 +31,7 @@ Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
 
 DIED = "a process died, perhaps for want of memory"
-_CHUNK = 50  # control steps between two looks at the clock
+_CHUNK = 50  # control steps between two checks of the clock
 _REPORT_EVERY = 0.5  # seconds
 
 
@@ -74,23 +74,23 @@ class Executor(Protocol):
         """Starts jobs in their order, and yields each as soon as it is done.
 
         Raises:
-          Interrupted: by Ctrl-C or a signal to end, after the jobs have stopped.
+          Interrupted: Ctrl-C or a termination signal arrived, and the jobs have stopped.
           RunError: a process died, or a file could not be written.
         """
         ...
 
 
 def run_job(job: Job, stop: Stop, report: Report) -> bool:
-    """Runs a job, as each process of an executor does; see `Job.run`.
+    """Runs a job in a process of an executor; see `Job.run`.
 
-    A job that must stop does not begin, and one that is done is not run again.
+    A job that must stop does not begin; a job that is done is not run again.
 
     Raises:
-      RunError: a file could not be written, or the job called for an exit of its process.
+      RunError: a file could not be written, or the job raised SystemExit.
     """
     if stop():
         return False
-    if job.done():  # by a node that was lost before it could report
+    if job.done():  # by a node that was lost before it reported this
         report(job.cost, "")
         return True
     try:
@@ -102,7 +102,7 @@ def run_job(job: Job, stop: Stop, report: Report) -> bool:
 
 
 def stopped_by(error: Exception) -> RunError:
-    """Returns an error whose text, one sentence, says what stopped a simulation."""
+    """Returns an error that says in one sentence what stopped a simulation."""
     what = f"a file could not be read or written ({error})" if isinstance(error, OSError) else DIED
     return RunError(f"{what}; the same command continues from the last checkpoints")
 
@@ -166,10 +166,10 @@ class CohortJob:
         return True
 
     def _advance(self, cohorts: Sequence[Cohort]) -> None:
-        """Simulates `_CHUNK` control steps, on a GPU a simulated minute; then the clock is checked.
+        """Simulates up to the next check of the clock: `_CHUNK` steps, on a GPU a simulated minute.
 
         Raises:
-          InputError, RunError: an agent failed, or Warp has no room for a robot's contacts.
+          InputError, RunError: an agent failed, or MuJoCo Warp has no room for a robot's contacts.
         """
         try:
             on_host = self.experiment.device == HOST
@@ -187,7 +187,7 @@ class CohortJob:
             save_checkpoint(checkpoint_file(self.directory, cohort.key), cohort)
 
     def _finish(self, cohorts: Sequence[Cohort]) -> None:
-        """Writes the results, that of `path` last, and removes the checkpoints."""
+        """Writes the results, the file `path` last, and removes the checkpoints."""
         for cohort in reversed(cohorts):
             path = finished_file(self.directory, cohort.key)
             save_lives(path, cohort.lives(), self.experiment, cohort.key)

@@ -9,15 +9,15 @@ import numpy as np
 
 CATEGORIES = ("L = 1", "0 < L < 1", "L = 0", "L < 0", "unmeasured")
 INVALID = "invalid"
-DECIMALS = 2  # of L in the classes of the tables: the paper's counts of L = 0 need it
+DECIMALS = 2  # to which L is rounded before it is classed: the paper's counts of L = 0 need it
 
 
 def learn_ability(pre: np.ndarray, post: np.ndarray, wanted: bool) -> np.ndarray:
     """Computes Eq. 4, L = (t_pre - t_post) / (t_pre + t_post), or -L for time in the spot.
 
     Args:
-      pre: Time in contact, or in the spot, before training, in any unit, shape (n,).
-      post: Time in contact, or in the spot, after training, in the same unit, shape (n,).
+      pre: Time in contact, or in the spot, in the test before training, any unit, shape (n,).
+      post: Time in contact, or in the spot, in the test after training, same unit, shape (n,).
       wanted: Whether the event is wanted: False for contact, True for being in the spot.
 
     Returns:
@@ -41,7 +41,7 @@ def category(ability: float) -> str:
 
 
 def classes(abilities: Sequence[float] | np.ndarray, exact: bool = False) -> list[str]:
-    """Returns the class of each Learn Ability, a row of tables 1 and 2.
+    """Returns the class (a row of tables 1 and 2) of each Learn Ability.
 
     Args:
       abilities: L of each robot, shape (n,); NaN for a genius or an ignorant.
@@ -60,9 +60,9 @@ class Summary:
       counts: Number of robots in each class, in the order of `CATEGORIES`.
       mean: Mean L of the robots that have a Learn Ability; NaN if none has.
       deviation: Standard deviation of L over the robots that have a Learn Ability.
-      post_share: Mean share of time in contact, or in the spot, in the test after training, over
-        all valid robots.
-      invalid: Number of robots whose simulation became unstable; they count nowhere else.
+      post_share: Share of the test after training in contact, or in the spot: mean over all
+        valid robots.
+      invalid: Number of robots whose simulation became unstable; no other attribute counts them.
     """
 
     counts: tuple[int, int, int, int, int]
@@ -111,5 +111,5 @@ def summarise(
 
 
 def total_variation(first: Summary, second: Summary) -> float:
-    """Returns half the sum of absolute differences of two columns' class shares, in [0, 1]."""
+    """Returns half the sum of the absolute differences of two columns' shares, in [0, 1]."""
     return float(np.abs(first.shares - second.shares).sum() / 2)

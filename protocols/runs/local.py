@@ -1,4 +1,4 @@
-"""Runs jobs on this machine's cores, a process each, and stops them on signals."""
+"""Runs jobs on this machine, each in a process of its own, and stops them on signals."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ..errors import Interrupted
 from ..progress import JobProgress
 from .jobs import Job, run_job, stopped_by
 
-END_SIGNALS = signal.SIGTERM, signal.SIGHUP  # the latter where a terminal closes
-_GRACE = 30.0  # seconds for the checkpoints of processes after one of them has died
+END_SIGNALS = signal.SIGTERM, signal.SIGHUP  # SIGHUP: a terminal was closed
+_GRACE = 30.0  # seconds in which processes save checkpoints after another has died
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Local:
     def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         """Runs jobs; see `jobs.Executor`."""
         context = multiprocessing.get_context("spawn")  # torch does not support fork
-        # A plain byte: an Event has a lock, with which a process may be killed.
+        # A plain byte: an Event has a lock, which a killed process may hold for ever.
         stop, reports = context.RawValue("b", 0), context.Queue()
         others = {*multiprocessing.active_children()}
         count = min(self.processes, len(jobs))
@@ -49,8 +49,8 @@ class Local:
             stop_on_signals() as request,
             ProcessPoolExecutor(count, context, _prepare, (stop, reports)) as pool,
         ):
-            # Workers inherit this until `_prepare`: Ctrl-C reaches them, too, while they import. In
-            # these milliseconds it is lost. A mask would be removed by Python's resource tracker.
+            # Workers inherit the ignored Ctrl-C until `_prepare`, because it reaches them, too. For
+            # these milliseconds it is lost. Python's resource tracker would remove a signal mask.
             with children_without_script(), handling(signal.SIG_IGN, signal.SIGINT):
                 waiting = {pool.submit(_run, *each): each[1] for each in enumerate(jobs)}
                 workers = {*multiprocessing.active_children()} - others
@@ -75,22 +75,22 @@ class Local:
             except BrokenProcessPool as error:
                 stop.value = 1
                 _end({*multiprocessing.active_children()} - others)
-                if request.stop:  # the signal met a process that had just begun
+                if request.stop:  # the signal killed a process that had just begun
                     raise Interrupted from error
                 raise stopped_by(error) from error
             except OSError as error:
                 raise stopped_by(error) from error
             finally:
-                stop.value = 1  # the other processes must end too, before the pool is waited for
+                stop.value = 1  # the other processes must end: leaving the pool waits for them
             if not complete:
                 raise Interrupted
         progress.show(reports)  # a process that has ended has sent its last message
 
 
 def _end(processes: Iterable[BaseProcess]) -> None:
-    """Waits for processes, which may save a checkpoint, and kills those that do not end.
+    """Waits until processes have saved checkpoints and ended; kills them after `_GRACE`.
 
-    A process that was killed may have held the lock of a queue: others then wait for it for ever.
+    A process that died may have held the lock of a queue: others then wait for it for ever.
     """
     deadline = time.monotonic() + _GRACE
     for process in processes:
@@ -104,7 +104,7 @@ def _end(processes: Iterable[BaseProcess]) -> None:
 class StopRequest:
     """Handler of signals that sets the flag `stop`.
 
-    The flag is no `Event`: that has a lock, which the interrupted thread may hold.
+    The flag is no `Event`, whose lock the interrupted thread may hold.
     """
 
     stop = False
@@ -115,7 +115,7 @@ class StopRequest:
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[StopRequest]:
-    """Yields a `StopRequest`, whose flag is set by Ctrl-C or another signal to end."""
+    """Yields a `StopRequest`; Ctrl-C, SIGTERM and SIGHUP set its flag."""
     request = StopRequest()
     with handling(request, signal.SIGINT, *END_SIGNALS):
         yield request
@@ -127,7 +127,7 @@ def handling(
 ) -> Iterator[None]:
     """Lets a handler receive signals in this context; does nothing outside the main thread.
 
-    A hang-up that is ignored, as with `nohup`, stays ignored.
+    A SIGHUP that is ignored, as with `nohup`, stays ignored.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -141,7 +141,7 @@ def handling(
 
 
 def _heard(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
-    """Returns the signals, without a hang-up (SIGHUP) that this process ignores."""
+    """Returns the signals, without SIGHUP if this process ignores it."""
     ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
     return [number for number in numbers if number != signal.SIGHUP or not ignored]
 
@@ -175,10 +175,10 @@ def single_threaded_children() -> Iterator[None]:
 
 @contextlib.contextmanager
 def children_without_script() -> Iterator[None]:
-    """Makes processes that start in this context not import the main module.
+    """Keeps processes that start in this context from importing the main module.
 
     Python imports the main module in every process that it spawns. A script without the usual main
-    guard would simulate again there. Jobs need nothing of it.
+    guard would simulate again there. Jobs do not need the module.
     """
     main = sys.modules["__main__"]
     hidden = {name: vars(main)[name] for name in ("__spec__", "__file__") if name in vars(main)}

@@ -1,6 +1,6 @@
 """The file `experiment.json`: what is simulated, in which physics, by which versions.
 
-The module also checks whether files and folders are those of an experiment.
+The module also checks whether files and folders belong to an experiment.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from .plan import Plan
 
 MANIFEST = "experiment.json"
 FORMAT = 1
-_LAST_COMMIT = "9e668f6"  # reads what was written before there were numbers of formats
+_LAST_COMMIT = "9e668f6"  # the last that reads runs from before formats had numbers
 VALUES = ("experiment", "plan", "format", "physics", "made_with", "digest")
 _WARP = ("mujoco-warp", "warp-lang")
-# The packages that compute.
+# The packages that compute results.
 _PACKAGES = ("mujoco", "dm-control", "numpy", "scipy", "torch", "numba", *_WARP, "cmaes")
 
-# Exceptions of reading values that are not those of an experiment.
+# Exceptions that are raised where values are not those of an experiment.
 UNREADABLE = (ValueError, KeyError, TypeError, AttributeError, ArithmeticError)
 
 
 def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     """Writes `experiment.json`: the plan, its physics, and the versions that simulate it.
 
-    Versions in an existing file are kept if the run has `begun`: they have simulated robots.
+    If the run has `begun`, versions in an existing file are kept: they have simulated robots.
     """
     path = directory / MANIFEST
     earlier: list[Any] = []
@@ -66,7 +66,7 @@ def read_manifest(directory: Path) -> Plan:
 
     Raises:
       FileNotFoundError: the folder holds no `experiment.json`.
-      DamagedFileError: the file is damaged, foreign or of another format.
+      DamagedFileError: the file is damaged, not musebot's, or of another format.
     """
     path = directory / MANIFEST
     content = read_json(path)
@@ -90,13 +90,13 @@ def read_manifest(directory: Path) -> Plan:
         raise DamagedFileError(f"{path} is not an experiment of musebot's ({text})") from error
 
 
-# ---- Whether it is of this experiment ----
+# ---- Identity ----
 
 
 def check_identity(
     path: Path, held: Mapping[str, Any], wanted: Mapping[str, Any], what: str = "an experiment"
 ) -> None:
-    """Checks that a file or a folder is of the wanted experiment or study.
+    """Checks that a file or a folder belongs to the wanted experiment or study.
 
     Args:
       path: File or folder, for the error's text.
@@ -123,7 +123,7 @@ def check_identity(
 
 
 def _completed(held: Any, defaults: Any) -> Any:
-    """Returns values, completed by defaults where some are missing, also in nested values."""
+    """Returns `held`, in which missing values, nested ones too, are filled by defaults."""
     if not (isinstance(held, dict) and isinstance(defaults, dict)):
         return held
     own = {name: _completed(held.get(name, value), value) for name, value in defaults.items()}
@@ -134,7 +134,7 @@ def _completed(held: Any, defaults: Any) -> Any:
 
 
 def check_physics(directory: Path) -> None:
-    """Raises InputError if a run was simulated in another physics than that of this version."""
+    """Raises InputError if a run was simulated in another physics than this version's."""
     if not same_physics(directory):
         raise InputError(
             f"{directory} was simulated in another physics than this version's, or by another "
@@ -163,7 +163,7 @@ def made_with() -> dict[str, Any]:
     """Returns the versions, the processor and the system of this process, for JSON."""
     versions = {}
     for name in _PACKAGES:
-        with contextlib.suppress(metadata.PackageNotFoundError):  # of an extra
+        with contextlib.suppress(metadata.PackageNotFoundError):  # an extra is missing
             versions[name] = metadata.version(name)
     return {
         "python": platform.python_version(),

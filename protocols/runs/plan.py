@@ -1,4 +1,4 @@
-"""Plans: which robots are wanted, the cohorts into which they split, and their memory."""
+"""Plans: which robots are wanted, into which cohorts they split, and how many bytes they need."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from .conditions import CohortKey, Condition
 from .experiment import Experiment
 from .run import network_shapes
 
-MOST_ROBOTS = 1_000_000  # in a condition
+MOST_ROBOTS = 1_000_000  # robots in a condition
 _FLOAT, _COUNT = 4, 2  # bytes of a weight, and of a minute's count
-_ROBOT, _WARP = 8000, 25_000  # bytes of a robot's physics in MuJoCo; more in MuJoCo Warp
-_PROCESS = 190_000_000  # bytes that a process without robots shares with no other
-_COPIES = 3  # of results and of checkpoints, while they are joined and written
+_ROBOT, _WARP = 8000, 25_000  # bytes of a robot's physics in MuJoCo; extra bytes in MuJoCo Warp
+_PROCESS = 190_000_000  # bytes of a process without robots, except those shared with others
+_COPIES = 3  # of results or checkpoints in memory, while they are joined and written
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """The robots of an experiment that are wanted.
+    """An experiment and the robots that are wanted.
 
     Attributes:
       experiment: Seed, cohort size, body, brain and other fields that decide the lives.
@@ -64,7 +64,7 @@ class Plan:
                 )
 
     def cohorts(self) -> list[CohortKey]:
-        """Returns all cohorts, those with the longest lives first: processes then end together."""
+        """Returns all cohorts, longest lives first, so that processes end at similar times."""
         keys = [
             CohortKey(condition, index)
             for condition, robots in self.robots.items()
@@ -95,7 +95,7 @@ def check_robots(robots: Any) -> None:
 
 
 def default_cohort_size(*robots: int, most: int = 250) -> int:
-    """Returns the largest common divisor of numbers of robots that is at most `most`.
+    """Returns the largest common divisor, at most `most`, of the numbers of robots.
 
     Raises:
       InputError: the numbers only split into many small cohorts, whose simulation is slow.
@@ -135,7 +135,7 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
 def job_bytes(plan: Plan) -> int:
     """Returns about how many bytes the largest job of a plan needs.
 
-    On tensors, a job has the cohorts of all conditions of a task.
+    On tensors, a job has one cohort of each condition of a task.
     """
     jobs: collections.Counter[str] = collections.Counter()
     for condition in plan.robots:
@@ -156,12 +156,12 @@ def results_bytes(plan: Plan) -> int:
 
 
 def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> None:
-    """Raises InputError where a plan needs more memory than the machine has.
+    """Raises InputError if a plan needs more memory than the machine has.
 
     Args:
       plan: Plan of the robots that are to be simulated.
       at_once: Largest number of jobs that the machine runs at a time.
-      whole: Plan of all robots in the results, finished ones too; None for those of `plan`.
+      whole: Plan of all robots of the run, also of finished ones; None for `plan`.
     """
     size, whole = plan.experiment.cohort_size, whole or plan
     jobs = min(at_once, sum(plan.robots.values()) // size)
@@ -171,7 +171,7 @@ def check_memory(plan: Plan, at_once: int = 1, whole: Plan | None = None) -> Non
 
 
 def check_agent_memory(plan: Plan, condition: Condition, state: float, weights: float) -> None:
-    """Raises InputError where an agent needs more memory than the machine has.
+    """Raises InputError if an agent needs more memory than the machine has.
 
     Args:
       plan: Plan of the run, which has the cohort size and the number of robots.

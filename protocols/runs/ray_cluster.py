@@ -1,6 +1,6 @@
 """Runs jobs as Ray tasks on an existing cluster (extra `cluster`), see docs/performance.md.
 
-All nodes share the folders of the jobs, so that the jobs of a lost node continue elsewhere.
+All nodes must share the folders of the jobs: the jobs of a lost node then continue on others.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ try:
 except ImportError as error:
     raise InputError(missing_extra(error)) from error
 
-# Other values make Ray start a cluster of its own, which every machine of the network can reach.
+# Other addresses make Ray start a cluster of its own, which every machine of the network can reach.
 _ADDRESS = re.compile(r"(?:ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):(\d{1,5})")
 _WORKERS = {"env_vars": {"MUJOCO_GL": "off", "OMP_NUM_THREADS": "1"}}
 
@@ -37,9 +37,9 @@ class RayCluster:
         if not (parts := _ADDRESS.fullmatch(address)):
             raise InputError(f"the address must be host:port, got {address!r}")
         try:
-            # Ray itself would retry for minutes.
+            # Tried first, because Ray would retry for minutes.
             socket.create_connection((parts[1].strip("[]"), int(parts[2])), timeout=10).close()
-            ray.shutdown()  # of an earlier run of this process
+            ray.shutdown()  # ends the connection of an earlier run
             ray.init(address, log_to_driver=False, configure_logging=False, runtime_env=_WORKERS)
         except (OSError, RayError, RuntimeError, ValueError, OverflowError) as error:
             cause = " ".join(str(error).split())
@@ -49,7 +49,7 @@ class RayCluster:
         """Runs jobs; see `jobs.Executor`."""
         here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
-        # A file beside a job's stops the job: a node need not reach this process to see it.
+        # A file in a job's folder stops the job: every node sees it.
         stop_file = draft_name("stop")
         # Retried without limit: a lost node leaves a checkpoint.
         task = ray.remote(num_cpus=1, max_retries=-1)(_run)
@@ -92,7 +92,7 @@ def _stop(jobs: Iterable[Job], stop_file: str) -> None:
 
 def _run(number: int, job: Job, reports: Queue, stop_file: str) -> bool:
     def report(done: float, message: str) -> None:
-        with contextlib.suppress(RayError):  # the driver is gone
+        with contextlib.suppress(RayError):  # the main process is gone
             reports.put((number, done, message))
 
     prepare_process()

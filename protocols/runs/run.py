@@ -1,4 +1,4 @@
-"""A run as a value: measurements of its robots, and results derived from these."""
+"""A run in memory: measurements of its robots, and results derived from these."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ NetworkArrays = dict[str, np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Lives:
-    """Measurements of N robots of a condition: of a finished cohort, or of several in order.
+    """Measurements of N robots of a condition: of one finished cohort, or of several in order.
 
     Attributes:
       events: Number of control steps with the measured event, such as contact, shape (N, 3): in the
         test before training, in training, and in the test after training.
       minutes: Number of control steps in contact, or in the spot, in each of M simulated minutes,
         shape (N, M).
-      valid: False for a robot whose simulation became unstable, shape (N,).
+      valid: False for a robot with an unstable simulation or a weight not finite, shape (N,).
       before: Weights before training, by name, each of shape (N, ...); empty if not kept.
       after: Weights after training, by name, each of shape (N, ...); empty if not kept.
     """
@@ -59,7 +59,7 @@ class Lives:
 
     @classmethod
     def of(cls, arrays: Mapping[str, np.ndarray]) -> Lives:
-        """Returns the lives whose arrays have the names that `arrays` gives them."""
+        """Returns the lives that have these arrays, named as by the method `arrays`."""
         before, after = (
             {k.removeprefix(f"{when}/"): v for k, v in arrays.items() if k.startswith(f"{when}/")}
             for when in WHEN
@@ -68,11 +68,11 @@ class Lives:
 
 
 Measured = Mapping[Condition, Lives]
-"""What was measured of all robots of each condition, in the order of the tables."""
+"""Measurements of all robots of each condition, in the order of the tables."""
 
 
 def joined(older: Measured, cohorts: Iterable[tuple[CohortKey, Lives]]) -> Measured:
-    """Returns the measurements of a run, with those of more cohorts added in their order."""
+    """Returns the measurements of a run, followed by those of new cohorts in their order."""
     parts = {condition: [lives.arrays()] for condition, lives in older.items()}
     for key, lives in sorted(cohorts, key=lambda item: item[0]):
         parts.setdefault(key.condition, []).append(lives.arrays())
@@ -98,14 +98,14 @@ def network_shapes(
 def lives_shapes(
     experiment: Experiment, condition: Condition, robots: int, found: Shapes, networks: bool = True
 ) -> Shapes:
-    """Returns the dtype and shape that each array of lives must have, named as in `Lives.arrays`.
+    """Returns the dtype and shape that each array of `Lives.arrays` must have, by name.
 
     Args:
       experiment: Experiment of the robots, which decides durations and networks.
       condition: Condition of the robots, which decides the life and the kind of agent.
       robots: Number N of robots, the first dimension of each array.
-      found: Dtypes and shapes of a file's arrays. If the agent is no brain, its weights before
-        training must have the same ones as its weights after training.
+      found: Dtypes and shapes of a file's arrays. For an agent that is no brain, those of its
+        weights after training are also required before training.
       networks: Whether networks are among the arrays; False for a run kept without them.
     """
     minutes = len(experiment.life_of(condition.task).steps_of_minutes())
@@ -127,7 +127,7 @@ def lives_shapes(
 
 
 def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
-    """Raises ValueError if an array is missing or foreign, or has another dtype or shape."""
+    """Raises ValueError if an array is missing or unexpected, or has a wrong dtype or shape."""
     for name in sorted({*wanted, *found}):
         if (must := wanted.get(name, "absent")) != (own := found.get(name, "missing")):
             raise ValueError(f"{name} must be {must}, is {own}")
@@ -158,7 +158,7 @@ def check_lives(life: Life, lives: Lives) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class Robot:
-    """A robot, a row of robots.csv. In a life without tests, the cells of tests are empty.
+    """Results of a robot: a row of robots.csv. Cells about tests are empty in a life without tests.
 
     Attributes:
       task: Name of the robot's life, such as "spot_finding".
@@ -195,7 +195,7 @@ class ConditionResults:
 
     Attributes:
       robots: Rows of the N robots in robots.csv.
-      curves: Share of each of M simulated minutes in contact, or in the spot, shape (N, M).
+      curves: Share of time in contact, or in the spot, in each of M minutes, shape (N, M).
       networks: Networks before and after training, each of shape (N, ...); empty if the agent has
         no weights.
     """
@@ -232,7 +232,7 @@ class ConditionResults:
         return cls(robots, curves, {"before": lives.before, "after": lives.after})
 
 
-FEWEST_COMPARED = 20  # robots of a condition that is tested and compared with the paper
+FEWEST_COMPARED = 20  # robots of a condition with statistical tests and a comparison with the paper
 
 Results = Mapping[Condition, ConditionResults]
 """The results of each condition, in the order of the tables."""
@@ -286,15 +286,15 @@ class Run:
         return [row for row in self.robots(condition) if row.valid]
 
     def valid_rows(self, condition: Condition) -> list[int]:
-        """Returns the indices of a condition's valid robots."""
+        """Returns the indices of the valid robots among a condition's rows."""
         return [index for index, row in enumerate(self.robots(condition)) if row.valid]
 
     def curves(self, condition: Condition) -> np.ndarray:
-        """Returns each valid robot's share of each minute in contact, or in the spot, (n, M)."""
+        """Returns valid robots' shares of time in contact, or in the spot, by minute, (n, M)."""
         return self.results[condition].curves[self.valid_rows(condition)]
 
     def networks(self, condition: Condition, when: When) -> NetworkArrays:
-        """Returns N robots' networks "before" or "after" training, arrays (N, ...) by name."""
+        """Returns N robots' networks "before" or "after" training: arrays (N, ...) by name."""
         return self.results[condition].networks[when] if condition in self.results else {}
 
     def abilities(self, condition: Condition) -> np.ndarray:
@@ -302,16 +302,16 @@ class Run:
         return np.array([row.learn_ability for row in self.valid(condition)], dtype=float)
 
     def classes(self, condition: Condition) -> list[str]:
-        """Returns the class of each valid robot, a row of tables 1 and 2."""
+        """Returns the class (a row of tables 1 and 2) of each valid robot."""
         return classes(self.abilities(condition), self.exact_classes)
 
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
-        """Returns each valid robot's share of a test in contact, or in the spot, shape (n,)."""
+        """Returns valid robots' shares of a test's time in contact, or in the spot, shape (n,)."""
         times = [getattr(row, f"t_{part}_s") for row in self.valid(condition)]
         return np.array(times, dtype=float) / self.test_seconds(condition.task)
 
     def life_shares(self, condition: Condition) -> np.ndarray:
-        """Returns each valid robot's share of its whole life in contact, or in the spot, (n,)."""
+        """Returns valid robots' shares of their life in contact, or in the spot, shape (n,)."""
         steps = self.experiment.life_of(condition.task).steps_of_minutes()
         return self.curves(condition) @ (steps / steps.sum())
 
@@ -326,7 +326,7 @@ class Run:
         )
 
     def test_seconds(self, task: str) -> float:
-        """Returns the duration of a test, equal before and after training, in simulated seconds.
+        """Returns the duration of the test after training, in simulated seconds.
 
         NaN for a life without tests.
         """

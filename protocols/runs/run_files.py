@@ -1,9 +1,9 @@
-"""The one reader and writer of a run's results.
+"""Reads and writes the results of a run.
 
 `results.safetensors` holds what was measured, see `run.Lives`: for each condition, the arrays
 "task/proposer/events", "task/proposer/minutes", "task/proposer/valid" and the networks,
-"task/proposer/before/..." and "task/proposer/after/...". One atomic write makes the file, which
-has the digest of all its arrays and names its experiment. `robots.csv` is an export for people.
+"task/proposer/before/..." and "task/proposer/after/...". The file is written atomically, with a
+digest of all its arrays and the fields of its experiment. `robots.csv` is an export for people.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def export_robots(directory: Path, experiment: Experiment, measured: Measured) -
 
 
 def read_measured(directory: Path, experiment: Experiment, networks: bool = True) -> Measured:
-    """Reads what was measured of a run's robots; empty if none has finished yet.
+    """Reads the measurements of a run's robots; empty if none has finished yet.
 
     Args:
       directory: Folder of the run.
@@ -153,7 +153,7 @@ def check_kept_networks(directory: Path, measured: Measured) -> None:
 def read_run(
     directory: Path, name: str = "", *, replay: bool = False, networks: bool = True
 ) -> Run:
-    """Reads the robots of a run that are finished.
+    """Reads the finished robots of a run.
 
     Args:
       directory: Folder of the run.
@@ -163,8 +163,8 @@ def read_run(
       networks: Whether to read the networks, too; must be False for a run kept without networks.
 
     Raises:
-      InputError: the folder holds no such run or no finished robots, what it holds is damaged, or
-        it lacks the networks.
+      InputError: the folder holds no run or no finished robots, a file is damaged, or networks are
+        missing.
     """
     if not directory.exists():
         raise InputError(f"there is no folder {directory}")

@@ -1,4 +1,4 @@
-"""Simulates runs: their cohorts as jobs, continued where they stopped, collected at the end."""
+"""Simulates runs: cohorts are jobs that can stop and continue; results are joined at the end."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ def simulate(
     quiet: bool = False,
     log: bool = False,
 ) -> Run:
-    """Simulates all robots of a plan that are not finished yet, and stores them in a folder.
+    """Simulates all robots of a plan that are not finished yet, and stores the results.
 
     Args:
       directory: Folder of the run: new, empty, or with the same experiment.
       plan: Experiment, and the number of robots wanted in each condition.
       executor: Executor of the cohorts: `local.Local(n)` or `ray_cluster.RayCluster(address)`.
       save_every: Wall-clock seconds between two checkpoints of a cohort.
-      quiet: Whether to hide the progress and the notices before it; messages of jobs are shown.
-      log: Whether to write curves for TensorBoard, too.
+      quiet: Whether to hide the progress and the notices before it; jobs' messages are shown.
+      log: Whether to write learning curves for TensorBoard, too.
 
     Returns:
       The run with all robots of the folder.
@@ -70,14 +70,14 @@ def simulate(
     Raises:
       InputError: the folder is in use, its experiment or physics differs, or an agent is not
         trusted or fails.
-      Interrupted: by Ctrl-C or a signal to end, after checkpoints were written.
+      Interrupted: Ctrl-C or a termination signal arrived; checkpoints were written.
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
     if log:  # raises InputError without the extra
         from .tensorboard_log import TensorBoardLog
     directory = resolved(directory)  # an agent may change the working directory
-    # Before anything is written. A cluster's nodes are not counted.
+    # Before anything is written. A cluster's nodes are not checked.
     UnfinishedRun.read(directory, plan).check(getattr(executor, "processes", 1))
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
@@ -127,7 +127,7 @@ def check_device(plan: Plan) -> None:
 
 
 def check_agents(plan: Plan, held: Measured | None = None) -> None:
-    """Makes a cohort of every user's agent in a plan and lets the agent act once.
+    """Makes a cohort of every agent in a plan that is no brain, and lets it act once.
 
     Args:
       plan: Plan of the robots that are still to be simulated.
@@ -139,13 +139,13 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
     """
     experiment = plan.experiment
     settings = settings_from(experiment.settings, several=True)
-    differ = any(len(values) > 1 for values in settings.values())  # the robots of a tuning
+    differ = any(len(values) > 1 for values in settings.values())  # between robots, as in tuning
     for condition in plan.robots:
         if condition.has_brain:
             continue
         proposer = condition.proposer
         if is_own(proposer) and not differ and short_name(proposer) != TRAINED_BEFORE:
-            # Before all are allocated; other agents may need all their robots.
+            # Measured on 1 and 2 robots, before all are made; other agents may need all robots.
             one, two = (_sizes(make_agent(experiment, condition, n, 0)) for n in (1, 2))
             check_agent_memory(plan, condition, *(two - one))
         cohort = Cohort(experiment, CohortKey(condition, 0))
@@ -188,8 +188,8 @@ class UnfinishedRun:
     Attributes:
       directory: Folder of the run, an absolute path.
       plan: Plan with all robots that the run will have.
-      measured: Measurements of the robots collected so far.
-      left: Cohorts whose results are not read yet.
+      measured: Measurements of the robots in results.safetensors.
+      left: Cohorts whose results are still to be read.
       lives: Results of finished cohorts, kept until all cohorts are finished.
     """
 
@@ -224,12 +224,12 @@ class UnfinishedRun:
 
     @property
     def run(self) -> Run:
-        """The run with the robots collected so far."""
+        """The run with the robots in `measured`."""
         experiment = self.plan.experiment
         return Run(self.directory.name, experiment, results_of(experiment, self.measured))
 
     def check(self, at_once: int = 1) -> None:
-        """Checks that the robots that are left can be simulated, `at_once` jobs at a time.
+        """Checks that the remaining robots can be simulated, `at_once` jobs at a time.
 
         Raises:
           InputError: a device is missing, an agent fails, or the memory is too small.
@@ -244,9 +244,9 @@ class UnfinishedRun:
         check_agents(remaining, self.measured)
 
     def curve(self, condition: Condition) -> np.ndarray:
-        """Returns the mean share of each simulated minute that all robots have reached, shape (M,).
+        """Returns the mean share of time with the measured event, by simulated minute, shape (M,).
 
-        Invalid robots are left out.
+        All robots have reached these M minutes. Invalid ones are left out.
         """
         experiment = self.plan.experiment
         steps = experiment.life_of(condition.task).steps_of_minutes()
@@ -293,7 +293,7 @@ class UnfinishedRun:
     def jobs(self, save_every: float) -> list[CohortJob]:
         """Returns the jobs of the cohorts that are left.
 
-        On tensors, a task's cohorts with the same number (of different proposers) share a job.
+        On tensors, cohorts of one task with the same number share a job; their proposers differ.
         """
         experiment, groups = self.plan.experiment, {}
         for key in self.left:
@@ -314,7 +314,7 @@ class UnfinishedRun:
         """Adds a finished cohort.
 
         Raises:
-          InputError: its agent has weights of another kind than that of an earlier cohort.
+          InputError: its agent has weights of another kind than an earlier cohort.
         """
         earlier = next((one for k, one in self.lives.items() if k.condition == key.condition), None)
         if earlier is not None:
@@ -328,7 +328,7 @@ class UnfinishedRun:
             self._clear()
 
     def _clear(self) -> None:
-        """Removes the files of the plan's cohorts; the folder stays if it holds others."""
+        """Removes the files of the plan's cohorts; their folder stays if it holds others."""
         files = (checkpoint_file, finished_file)
         ours = {file(self.directory, key).name for key in self.plan.cohorts() for file in files}
         remove_files(self.directory / CHECKPOINTS, ours.__contains__)

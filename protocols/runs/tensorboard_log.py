@@ -1,6 +1,6 @@
-"""`--tensorboard`: the mean curve of each condition, in event files in `OUT/tensorboard`.
+"""`--tensorboard`: the mean learning curve of each condition, in event files in `OUT/tensorboard`.
 
-Each call writes all minutes anew; TensorBoard drops those of earlier calls (`purge_step`).
+Each `musebot run` writes all minutes anew; TensorBoard drops earlier ones (`purge_step`).
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ except ModuleNotFoundError as error:
 
 
 class TensorBoardLog:
-    """Log of `contact`, `in_spot` or `at_goal`: mean share of each simulated minute, from 1."""
+    """Log of the mean share of each simulated minute, from 1: `contact`, `in_spot` or `at_goal`."""
 
     def __init__(self, run: UnfinishedRun, every: float) -> None:
-        """Takes a run that has begun, and wall-clock seconds between updates, `every`."""
+        """Takes a run that has begun; `every` is the wall-clock seconds between updates."""
         self._run, self._every, self._updated = run, every, time.monotonic()
-        self._written = dict.fromkeys(run.plan.robots, 0)  # minutes of each condition
+        self._written = dict.fromkeys(run.plan.robots, 0)  # minutes written, by condition
         self._writers: dict[Condition, SummaryWriter] = {}
 
     def update(self, now: bool = False) -> None:

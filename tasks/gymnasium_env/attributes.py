@@ -11,8 +11,8 @@ import numpy as np
 from ..episode import Episode
 from .common import shared_options
 
-METHODS = ("get_wrapper_attr", "render", "set_wrapper_attr")  # of robots
-SETTABLE = ("np_random", "options")  # attributes of robots
+METHODS = ("get_wrapper_attr", "render", "set_wrapper_attr")  # methods of robots
+SETTABLE = ("np_random", "options")  # attributes that can be set
 
 
 class RobotAttributes(gymnasium.vector.VectorEnv):
@@ -20,7 +20,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
 
     _randoms: list[np.random.Generator]
     _seeds: list[int]
-    _usual: Episode  # of the task
+    _usual: Episode  # without `options`
     _episode: Episode  # with `options`
     _batch: Any
     _info: Any

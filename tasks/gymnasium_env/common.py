@@ -40,8 +40,8 @@ def spaces(rules: Rules, limit: float) -> tuple[gymnasium.spaces.Box, gymnasium.
 def task_name(task: Any) -> str:
     """Returns the name of a task, given as its name, its Gymnasium id or MODULE:NAME.
 
-    The module is imported in a process that does not know the task. Raises ImportError where there
-    is no such module, ValueError where there is no such task.
+    The module is imported if this process does not know the task. Raises ImportError where there is
+    no such module, ValueError where there is no such task.
     """
     module, _, name = task.rpartition(":") if isinstance(task, str) else ("", "", task)
     if module or name != task:
@@ -67,7 +67,7 @@ LIFE_INFO: Mapping[str, str] = {
 
 
 def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
-    """Returns the definition of a task, see `task_name`; "life" takes the keyword `life`.
+    """Returns the definition of a task, see `task_name`; "life" needs the keyword `life`.
 
     Raises TypeError for an unknown keyword.
     """

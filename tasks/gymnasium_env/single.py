@@ -92,7 +92,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def model(self) -> mujoco.MjModel:
         """MuJoCo's model of robot and arena.
 
-        It was not loaded from a file, so that `mujoco.mj_saveLastXML` cannot write it:
+        It was not loaded from a file, so `mujoco.mj_saveLastXML` cannot write it:
         `musebot.tasks.suite.TASKS[task].spec().to_xml()` returns its MJCF.
         """
         return self.physics.model.ptr
@@ -109,8 +109,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Args:
           seed: Seed of the random stream; None continues the stream.
-          options: Dictionary: the start of `robot` and of `spot` in this episode. What is not given
-            keeps the environment's own start.
+          options: Dictionary with the places of `robot` and `spot` at the start of this episode.
+            A missing key keeps the environment's own start.
 
         Returns the observation, shape (S,), and the entries of `INFO`. Raises TypeError for an
         unknown option, ValueError for a place outside the arena or inside an obstacle.
@@ -174,7 +174,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
-        The count of steps of Gymnasium's wrapper TimeLimit is not in it.
+        It lacks the step count of Gymnasium's wrapper TimeLimit.
         """
         with self._environment.lifecycle.one_thread:
             self._environment.lifecycle.check_running()

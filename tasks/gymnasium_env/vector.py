@@ -145,12 +145,12 @@ class ArenaVectorEnv(RobotAttributes):
         Args:
           seed: A list of one seed per robot; or one number s, which gives robot k (from 0) the
             seed s + k. A robot whose seed is None continues its random stream.
-          options: Dictionary: the start of `robot` and of `spot` in these episodes; and
+          options: Dictionary with the places of `robot` and `spot` at the start, and
             `reset_mask`, an array of B Booleans, True for each robot that starts an episode. All
             robots (default) must start at the first reset, after a PhysicsError and in a life.
 
         Returns the observations of all robots, shape (B, S), and the entries of `INFO`. Raises
-        TypeError for an unknown option, ValueError for another number of seeds, a wrong mask or an
+        TypeError for an unknown option, ValueError for a wrong number of seeds, a wrong mask or an
         impossible place, gymnasium.error.Error for a negative seed, RuntimeError after `close`.
         """
         with self._lifecycle.one_thread:
@@ -180,9 +180,9 @@ class ArenaVectorEnv(RobotAttributes):
         """Simulates 0.1 s for the robots' left and right actions, shape (B, 2).
 
         Returns:
-          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary
-          with the entries of `INFO`, each an array with a row for every robot, and the last
-          observations and entries of episodes that SAME_STEP ended.
+          Observations (B, S), rewards (B,), terminations (B,), truncations (B,) and a dictionary:
+          the entries of `INFO`, each an array with a row for every robot; with SAME_STEP, also the
+          last observations and entries of episodes that ended.
 
         Raises:
           ValueError: The actions have another shape, or are not finite.
@@ -283,7 +283,7 @@ class ArenaVectorEnv(RobotAttributes):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Continues bit-exactly from what `get_state` of as many robots in this task returned.
+        """Continues bit-exactly from a state of `get_state` of as many robots in the same task.
 
         Raises ValueError for a state of another task or number of robots, or of robots that do not
         stand in the arena; nothing has changed then. Raises RuntimeError where the batch is closed.
@@ -316,7 +316,7 @@ class ArenaVectorEnv(RobotAttributes):
             check_counts("counts", counts, state["steps"])
         if self._episode.life and (state["steps"] != state["steps"][0]).any():
             raise ValueError(f"state['steps'] of a life must be equal, got {state['steps']}")
-        seeds = [seed for seed in state["seeds"] if seed != -1]  # that of a stream that was set
+        seeds = [seed for seed in state["seeds"] if seed != -1]  # -1: a stream that was set
         check_counts("seeds", seeds, [math.inf] * len(seeds))
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             check_stream_state(random, one)
@@ -381,9 +381,9 @@ class ArenaVectorEnv(RobotAttributes):
         return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
 
     def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
-        """Returns the entries of `INFO`, and each one's mask, as Gymnasium's own batches do.
+        """Returns the entries of `INFO`, each with a mask, as Gymnasium's own batches do.
 
-        With a mask of robots, shape (B,), the entries of the others are 0.
+        With `robots`, a mask of shape (B,), the entries of the others are 0.
         """
         pose, (contact, in_spot) = self._batch.pose, self._events()
         entries = {

@@ -12,7 +12,7 @@ import torch
 
 Work = Callable[[], None]
 
-_DIRECT = 2  # first calls, in which libraries start and the brain fills its memory of two steps
+_DIRECT = 2  # first calls, not captured: libraries start, and the brain remembers two steps
 
 
 def captures(device: torch.device) -> bool:
@@ -39,7 +39,7 @@ def capture(work: Work, device: torch.device, generator: torch.Generator | None 
 
 
 class Captured:
-    """Work that is done directly twice; later calls replay it on a device that can capture it."""
+    """Work that runs directly in two calls; later calls replay it on a device that can capture."""
 
     def __init__(
         self, work: Work, device: torch.device, generator: torch.Generator | None = None

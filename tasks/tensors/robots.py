@@ -20,10 +20,10 @@ class TensorRobots(Robots):
 
     `step` takes motors as a tensor of shape (B, 2), and `sensordata` and `valid` are tensors. A
     step copies nothing between the device and the host, and waits for neither. Placements, states
-    and checkpoints are arrays of NumPy, as of other batches; the batch on the host makes them.
+    and checkpoints are arrays of NumPy, as in other batches; the batch on the host handles them.
     """
 
-    _MOTORS: ClassVar[torch.dtype]  # in which motor values are kept
+    _MOTORS: ClassVar[torch.dtype]  # type of motor values
 
     def __init__(self, batch: Robots) -> None:
         """Takes over the robots of a batch, which is not to be used any more."""
@@ -31,10 +31,10 @@ class TensorRobots(Robots):
         self._host = batch
         self._device = torch.get_default_device()
         self._bounds = self._constant(batch.dimensions.bounds)
-        self._tensors: dict[str, Any] = {  # of tensors
+        self._tensors: dict[str, Any] = {  # values: tensors
             name: self._constant(array) for name, array in batch.arrays().items()
         }
-        # Motors of a step, in a place that a captured step knows.
+        # Motors of a step, at a fixed address, which captured steps read.
         self._given = torch.zeros(batch.robots, 2, dtype=self._MOTORS, device=self._device)
         self.sensordata: Any = self._tensors["sensordata"]
         self.valid: Any = self._tensors["valid"]
@@ -116,7 +116,7 @@ class TensorRobots(Robots):
 class KinematicTensors(TensorRobots):
     """The robots of a `KinematicBatch`, as tensors on the default device.
 
-    The equations are those of the `KinematicBatch`; numbers differ from its numbers by rounding.
+    The equations are those of the `KinematicBatch`; results differ from its results by rounding.
     """
 
     _MOTORS = torch.float32

@@ -25,12 +25,12 @@ except ModuleNotFoundError as error:
 from .capture import Captured
 from .robots import TensorRobots
 
-# At least twice what robots have that drive into walls, corners and pillars (see the tests).
+# Per robot: at least twice what driving into walls, corners and pillars needs (see the tests).
 _CONTACTS, _ROWS = 32, 128
-# Limits of iterations are not overflows: C MuJoCo stops there too.
+# Reaching the limit of iterations is no overflow: C MuJoCo stops there too.
 _OVERFLOW = mjw.OverflowType.ALL & ~(mjw.OverflowType.ITERATIONS | mjw.OverflowType.LS_ITERATIONS)
 # Rounding decides whether a robot that is exactly on the floor has contacts in its first physics
-# step, in C MuJoCo too; robots 10 nm above it agree.
+# step, in C MuJoCo too; 10 nm above it, both simulators agree.
 _LIFTED = 1e-8  # [m]
 
 
@@ -59,12 +59,12 @@ class WarpEngine:
             one.opt.disableflags &= ~flags.mjDSBL_MIDPHASE.value
         blind.opt.disableflags |= flags.mjDSBL_SENSOR.value
         with wp.ScopedDevice(self._wp_device), warnings.catch_warnings():
-            # Walls have no friction of their own: a contact has the larger one of its two geoms.
+            # Warp warns of frictionless walls; a contact has the larger friction of its two geoms.
             warnings.filterwarnings("ignore", r"geom \d+: friction", UserWarning)
             self._models = [mjw.put_model(blind)] * (substeps - 1) + [mjw.put_model(seeing)]
             self._data = mjw.make_data(model, robots, nconmax=_CONTACTS, njmax=_ROWS)
         for one in self._models:
-            one.opt.warn_overflow = 0  # read by `check_capacity`
+            one.opt.warn_overflow = 0  # `check_capacity` reads overflows
         self._position = wp.to_torch(self._data.qpos)
         self._velocity = wp.to_torch(self._data.qvel)
         self._motors = wp.to_torch(self._data.ctrl)
@@ -102,14 +102,14 @@ class WarpEngine:
             wp.capture_launch(self._graph)
 
     def read(self, state: Tensor) -> Tensor:
-        """Overwrites the state, and returns the measurements, valid until the next `run`.
+        """Overwrites `state`, and returns the measurements, shape (B, nsensordata).
 
-        They have the shape (B, nsensordata).
+        They are valid until the next `run`.
         """
         nq = self._position.shape[1]
         state[:, 0] += len(self._models) * self._timestep
         state[:, 1 : 1 + nq].copy_(self._position)
-        # A wheel's angle in single precision stops growing after hours; only its remainder counts.
+        # In single precision, a wheel's angle stops growing after hours: keep it modulo 2 pi.
         turned = state[:, nq - 1 : 1 + nq]
         turned.copy_(torch.remainder(turned + math.pi, 2 * math.pi) - math.pi)
         state[:, 1 + nq :].copy_(self._velocity)
@@ -136,8 +136,8 @@ class WarpEngine:
 class WarpBatch(Batch):
     """B robots in MuJoCo Warp on the default device of PyTorch, with arrays of NumPy.
 
-    Only the physics steps differ from those of a `Batch`, by rounding (docs/physics.md). Copies are
-    made on the default device. Raises ModuleNotFoundError where MuJoCo Warp is not installed,
+    Only the physics steps differ from those of a `Batch`, by rounding (docs/physics.md). Copies use
+    the default device. Raises ModuleNotFoundError where MuJoCo Warp is not installed,
     NotImplementedError where it cannot simulate the arena.
     """
 
@@ -178,7 +178,7 @@ class WarpTensors(TensorRobots):
 
     def _advance(self) -> None:
         self._before()
-        self._warp.run()  # a graph of Warp's
+        self._warp.run()  # replays a graph of Warp
         self._after()
 
     def _load(self) -> None:

@@ -19,12 +19,12 @@ class AmortisedQ(OnlineLearner):
 
     The maximum of Q-learning is over 25 candidates: `OWN` actions drawn from the distribution of a
     second network, the proposer, and `UNIFORM` uniform ones. The proposer ascends
-    log p(a* | s) + entropy H(p), where a* is the best candidate (section 3 of the source). It draws
-    each motor value, as a share of the largest, from a normal distribution and clips it to [-1, 1].
-    Unlike the source, this learner has no parallel actors, no replay and no target network. Other
-    differences: 25 candidates instead of 100 own and 400 uniform ones; smaller networks, with tanh;
-    motors are drawn independently, not one after the other. As in the source, candidates are drawn
-    in tests, too.
+    log p(a* | s) + entropy * H(p), where a* is the best candidate and H(p) the entropy of p
+    (section 3 of the source). It draws each motor value, as a share of the largest, from a normal
+    distribution and clips it to [-1, 1]. Unlike the source, this learner has no parallel actors,
+    replay or target network. It also has 25 candidates instead of 100 own and 400 uniform ones,
+    smaller networks with tanh, and motor values drawn independently, not one after the other. As in
+    the source, candidates are random in tests, too.
     """
 
     OWN, UNIFORM = 17, 8  # in all 25, the paper's number of actions
@@ -58,7 +58,7 @@ class AmortisedQ(OnlineLearner):
         self.now["best"].copy_(actions[rows, best])
         self.now["value_of_best"].copy_(values[rows, best])
         self.now["action"].copy_(self.now["best"])
-        if learning:  # an exploratory action is uniform: the last candidate is as good as any
+        if learning:  # the last candidate is uniform, as an exploratory action must be
             self.now["action"][:] = torch.where(
                 self.draw_exploratory()[:, None], actions[:, -1], self.now["best"]
             )

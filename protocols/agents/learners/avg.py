@@ -25,17 +25,17 @@ class AVG(OnlineLearner):
     networks learn by Adam without momentum:
 
         critic: descends ((r + discount (Q(s', a') - entropy log p(a' | s')) - Q(s, a)) / sigma)^2
-        actor:  ascends Q(s, a) - entropy log p(a | s) through a and its fixed noise
+        actor:  ascends Q(s, a) - entropy log p(a | s) through a, whose noise is fixed
 
     The last hidden layer is scaled to length 1, signals to mean 0 and variance 1, and sigma is
     the standard deviation of r - entropy log p(a | s) (return-based scaling; a constant discount
     does not change it). As published, sigma is 1 as long as the variance is at most 0.01. The
-    action a' is the one that the robot takes; the authors' program draws another. The spread is the
-    exponential of an output; in the authors' program, the variance is. In tests, the noise is 0.
+    action a' is the one that the robot takes; the authors' program draws another. An output is the
+    logarithm of the spread; in the authors' program, of the variance. In tests, the noise is 0.
     """
 
-    # Gymnasium's, which the authors use. With none, the first signals would be exactly 0, and with
-    # them the last hidden layer, whose gradient would then be boundless.
+    # Gymnasium's value, which the authors use. Without it, the first normalised signals and so the
+    # last hidden layer would be exactly 0, and the gradient of scaling it would be boundless.
     PRIOR = 1e-4
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
@@ -93,7 +93,7 @@ class AVG(OnlineLearner):
             return self._entropy * log_density - value
 
         for adam, objective in zip(self._adams, (cost, loss), strict=True):
-            adam.descend(objective)  # the critic last, which the actor's cost depends on
+            adam.descend(objective)  # the critic last: the actor's cost depends on it
 
 
 def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
@@ -107,7 +107,7 @@ def _squashed(outputs: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
     log_spread = log_spread.clamp(*_LOG_SPREAD)
     before = mean + log_spread.exp() * noise
     normal = -0.5 * noise.square() - log_spread - 0.5 * math.log(2 * math.pi)
-    # log(1 - tanh(u)^2), without the loss of digits at large u.
+    # log(1 - tanh(u)^2), u = `before`, without loss of digits at large u.
     slope = 2 * (math.log(2) - before - F.softplus(-2 * before))
     return before.tanh(), (normal - slope).sum(dim=1)
 

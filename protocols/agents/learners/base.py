@@ -27,13 +27,13 @@ def epsilon(default: float) -> Setting:
 
 
 def hidden(published: str = "") -> Setting:
-    """Returns the setting `hidden`, neurons of each hidden layer; `published` is the source's."""
+    """Returns the setting `hidden`, neurons of a hidden layer; `published` notes the source's."""
     says = f"neurons of each of two hidden layers{published and '; '}{published}"
     return Setting(32, 4, 256, says, tuned=False)
 
 
 def epsilon_steps(default: float) -> Setting:
-    """Returns the setting `epsilon_steps`: steps in which epsilon falls from 1."""
+    """Returns the setting `epsilon_steps`: training steps in which epsilon falls from 1."""
     says = "training steps in which epsilon falls from 1; with 1 it is constant"
     return Setting(default, 1.0, 72_000.0, says, log=True, each=True)
 
@@ -42,10 +42,10 @@ class OnlineLearner(Agent):
     """B learners that learn in every step of training, in one life without episodes.
 
     In each step, `Agent.act` is called before `Agent.learn`. So the weights that choose an action
-    have not yet learned from the transition that led to its state, as in the paper's robot.
+    have not yet learned from the transition to the current state, as in the paper's robot.
 
-    A subclass registers each tensor that its next steps depend on with `keep`, or with `pair` if
-    the tensor belongs to a step. Checkpoints contain all registered tensors.
+    A subclass registers each tensor that its next steps depend on with `keep`, or with `pair` if it
+    needs the tensor of the previous step, too. Checkpoints contain all registered tensors.
 
     Attributes:
       robots: Number of robots, B.
@@ -60,7 +60,7 @@ class OnlineLearner(Agent):
     def __init__(
         self, robots: int, senses: Senses, seed: int, settings: Mapping[str, Number]
     ) -> None:
-        """Prepares B learners with one random stream, which `seed` starts.
+        """Prepares B learners with one random stream, seeded by `seed`.
 
         With the settings `epsilon` and `epsilon_steps`, learners explore by random actions.
         """
@@ -72,7 +72,7 @@ class OnlineLearner(Agent):
         self.before: dict[str, Tensor] = {}
         self._kept: dict[str, Tensor] = {}
         self._learned: dict[str, Tensor] = {}
-        # Whether the step before leads to this one, and whether no step leads to the next one.
+        # Whether the previous step led to this one; whether the robots are placed before the next.
         self._chained = self.keep("chained", torch.zeros(1, dtype=torch.bool))
         self._placed = self.keep("placed", torch.ones(1, dtype=torch.bool))
         self.pair("inputs", torch.zeros(robots, self.inputs))
@@ -87,7 +87,7 @@ class OnlineLearner(Agent):
     def keep(self, name: str, tensor: Tensor, learned: bool = False) -> Tensor:
         """Registers a tensor that changes in place, by its name in checkpoints, and returns it.
 
-        It must be `learned` if actions in a test depend on it; `weights` then has it, (B, ...).
+        `learned`: whether actions in a test depend on it; `weights` then returns it, (B, ...).
         """
         self._kept[name] = tensor
         if learned:
@@ -100,7 +100,7 @@ class OnlineLearner(Agent):
             self.keep(f"{name}.{number}", tensor, learned)
 
     def pair(self, name: str, tensor: Tensor) -> None:
-        """Registers a tensor of a step; `now` holds this step's, `before` the previous one's."""
+        """Registers a tensor of each step: `now` has this step's, `before` the previous step's."""
         self.now[name] = self.keep(f"now.{name}", tensor)
         self.before[name] = self.keep(f"before.{name}", tensor.clone())
 
@@ -119,7 +119,7 @@ class OnlineLearner(Agent):
 
     @abc.abstractmethod
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
-        """Chooses motor values, shape (B, 2), and notes in `now` what `update` will need.
+        """Chooses motor values, shape (B, 2), and stores in `now` what `update` will need.
 
         Args:
           inputs: Scaled signals, shape (B, I).

@@ -13,13 +13,13 @@ from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, column
 
 Transitions = tuple[Tensor, Tensor, Tensor, Tensor]
-"""Inputs, (B, N, I), actions, (B, N), next inputs, (B, N, I), rewards, (B, N), of N steps."""
+"""N steps of B robots: inputs (B, N, I), actions (B, N), next inputs (B, N, I), rewards (B, N)."""
 
 
 class DQNWithoutReplay(OnlineLearner):
     """DQN without its memory: a robot learns from each transition once, when it happens.
 
-    It has the Huber loss, Adam, and a target network that is copied every `COPY` steps.
+    It has the Huber loss, Adam, and a target network, a copy made every `COPY` steps.
     """
 
     COPY = 500
@@ -54,7 +54,7 @@ class DQNWithoutReplay(OnlineLearner):
             self._target.copy_(self.networks.flat)
 
     def transitions(self, reward: Tensor) -> Transitions:
-        """Returns the transitions to learn from; the last one has the rewards (B,)."""
+        """Returns the transitions to learn from; `reward`, (B,), is that of the last one."""
         before, now = self.before, self.now
         last = before["inputs"], before["chosen"], now["inputs"], reward
         inputs, acted, following, rewards = (tensor[:, None] for tensor in last)
@@ -66,9 +66,9 @@ class DQN(DQNWithoutReplay):
 
     Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
     transitions and learns from `BATCH` of them in each step, drawn uniformly. It shows how much
-    replay helps in a life; all other learners see each transition once. The source, for 50 million
-    frames of a game, has a memory of a million transitions, an update every fourth action after the
-    first 50,000, a copy every 10,000 updates, and RMSProp instead of Adam.
+    replay helps in a life; all other learners see each transition once. The source trains for 50
+    million frames of a game, with a memory of a million transitions, an update every fourth action
+    after the first 50,000, a copy every 10,000 updates, and RMSProp instead of Adam.
     """
 
     REPLAY, BATCH = 50_000, 32

@@ -1,4 +1,4 @@
-"""Networks with several layers, one for each of B robots, their gradients, and Adam."""
+"""Multilayer networks, one for each of B robots, their gradients, and Adam."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class LayeredNetworks:
 
     Attributes:
       flat: All W weights and biases of each robot, shape (B, W); they change in place.
-      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn, I inputs and O outputs:
-        views of `flat`.
+      tensors: Weights (B, O, I) and biases (B, O) of each layer in turn, with I inputs and O
+        outputs; views of `flat`.
     """
 
     def __init__(
@@ -92,10 +92,10 @@ class LayeredNetworks:
 
         Args:
           layers: Activations at N inputs, which `layers` returned.
-          slopes: Derivative of each robot's objective by its N outputs, shape (B, N, O).
+          slopes: Derivative of each robot's objective with respect to outputs, shape (B, N, O).
 
         Returns:
-          The derivative by weights and biases, shape (B, W).
+          Derivative with respect to weights and biases, shape (B, W).
         """
         gradient = torch.empty_like(self.flat)
         parts = self._views(gradient)
@@ -113,28 +113,28 @@ class LayeredNetworks:
 
 
 def normalised(x: Tensor) -> Tensor:
-    """Normalises a layer's sums to mean 0 and variance 1 per robot, then applies a leaky ReLU."""
+    """Normalises a layer's weighted sums to mean 0 and variance 1, then applies a leaky ReLU."""
     return F.leaky_relu(F.layer_norm(x, x.shape[-1:]))
 
 
 def of_unit_length(x: Tensor) -> Tensor:
-    """Applies a leaky ReLU to a layer's sums, then scales them to a vector of length 1."""
+    """Applies a leaky ReLU to a layer's weighted sums, then scales the vector to length 1."""
     x = F.leaky_relu(x)
     return x / x.norm(dim=-1, keepdim=True).clamp(min=1e-12)
 
 
 class Adam:
-    """PyTorch's Adam on the weights of B networks, with a learn rate for each robot or for all.
+    """PyTorch's Adam on the weights of B networks, with one learn rate, or one for each robot.
 
     Attributes:
       tensors: Number of steps so far, and the two moments (B, W): the state for a checkpoint.
     """
 
     def __init__(self, networks: LayeredNetworks, rate: float | Tensor, mean_decay: float) -> None:
-        """Begins with moments of 0; the mean of gradients decays by `mean_decay` per step."""
+        """Begins with moments of 0; each step multiplies the mean gradient by `mean_decay`."""
         self._networks = networks
         self._rate, self._mean_decay = column(rate), mean_decay
-        self._move = torch.zeros_like(networks.flat)  # of learn rate 1
+        self._move = torch.zeros_like(networks.flat)  # step at learn rate 1
         self.tensors = [torch.zeros(()), *(torch.zeros_like(networks.flat) for _ in range(2))]
 
     def descend(self, cost: Callable[[Tensor], Tensor]) -> None:
@@ -144,7 +144,7 @@ class Adam:
     def step(self, gradient: Tensor) -> None:
         """Makes a step down each robot's gradient, (B, W)."""
         steps, mean, square = self.tensors
-        # The function, not the class, which takes twice the time for small networks.
+        # PyTorch's function: its class takes twice the time for small networks.
         adam(
             [self._move.zero_()], [gradient], [mean], [square], [], [steps],
             lr=1.0, beta1=self._mean_decay, beta2=0.999, eps=1e-8, weight_decay=0.0,
@@ -154,7 +154,7 @@ class Adam:
 
 
 def column(value: float | Tensor) -> float | Tensor:
-    """Returns a number as it is, and a tensor of one per robot, (B,), as a column (B, 1)."""
+    """Returns a number unchanged, and a tensor with one per robot, (B,), as a column (B, 1)."""
     return value[:, None] if isinstance(value, Tensor) else value
 
 

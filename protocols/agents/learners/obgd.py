@@ -22,12 +22,12 @@ from .running_moments import Moments
 class ObGD:
     """Overshooting-bounded gradient descent with eligibility traces (Elsayed 2024, algorithm 3).
 
-    With a trace z of gradients, z <- discount * trace * z + gradient, the weights move by
+    With an eligibility trace z of each weight, z <- decay * z + gradient, the weights move by
 
         step * error * z,   step = 1 / max(1, kappa * max(|error|, 1) * sum |z|)
 
-    where the sum is over all weights of a robot. `decay` is discount * trace, with the setting
-    `trace` (lambda). `decay` and `kappa` are numbers or one for each robot, shape (B,).
+    where the sum is over all weights of a robot. The decay is the discount times lambda (setting
+    `trace`). `decay` and `kappa` are numbers, or tensors with one for each robot, shape (B,).
 
     Attributes:
       traces: Eligibility trace of each weight, shape (B, W).
@@ -50,8 +50,8 @@ class ObGD:
         self._flat += (1 / bound.clamp(min=1) * error)[:, None] * self.traces
 
     def forget(self, robots: Tensor | None = None) -> None:
-        """Sets to 0 the traces of the robots where the mask `robots` is true; None for all."""
-        # Numbers of robots: indexing with the mask takes thirty times longer.
+        """Sets the traces of robots to 0 where the mask `robots`, (B,), is true; None for all."""
+        # Robots' indices: indexing with the mask takes thirty times longer.
         self.traces[slice(None) if robots is None else robots.nonzero()[:, 0]] = 0
 
 
@@ -74,9 +74,9 @@ class StreamLearner(OnlineLearner):
 
     These are algorithms 5 and 6 of Elsayed (2024). As in the authors' program, the variance of the
     discounted sum of rewards is about its running mean. The moments are updated in training only,
-    so that tests change nothing. The source has the time in the episode as a further input; it is
-    1 here, since lives have no episodes and robots no clock. With a single input and biases of 0, a
-    normalised layer would depend on the input's sign only.
+    so that tests change nothing. The source has the time in the episode as a further input. Here it
+    is always 1, since lives have no episodes and robots no clock. Without it, with one signal and
+    biases of 0, a normalised layer would depend on the signal's sign only.
 
     Attributes:
       features: Number of a network's inputs: the signals and a constant 1.

@@ -40,8 +40,8 @@ class ContinualBackprop(DQNWithoutReplay):
     Continual backpropagation (Dohare et al., Nature 632, 2024, Algorithm 1): the utility of a
     neuron is a running mean of its absolute activation times the sum of its absolute outgoing
     weights. In each step and hidden layer, the share `replaced` of the neurons older than `MATURE`
-    steps is replaced: ingoing weights are drawn as at birth, bias and outgoing weights are 0.
-    Unlike in the source, Adam's moments stay.
+    steps is replaced: incoming weights are drawn as at birth, bias and outgoing weights set to 0.
+    Unlike in the source, Adam's moments are kept.
     """
 
     MATURE, UTILITY_DECAY = 1000, 0.99
@@ -70,7 +70,7 @@ class ContinualBackprop(DQNWithoutReplay):
                 self._replace(layer, robots, least)
 
     def _replace(self, layer: int, robots: Tensor, neurons: Tensor) -> None:
-        """Gives neuron `neurons[i]` of a layer of robot `robots[i]` new weights; shapes (n,)."""
+        """Gives new weights to neuron `neurons[i]` of robot `robots[i]` in a layer; shapes (n,)."""
         ingoing, biases, outgoing = self.networks.tensors[2 * layer : 2 * layer + 3]
         width = ingoing.shape[2]
         drawn = torch.rand(len(robots), width, generator=self.generator) * 2 - 1

@@ -16,12 +16,12 @@ from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 class QLearner(OnlineLearner):
     """Q-learning with one network per robot that outputs the values of 25 fixed actions.
 
-    The update of Watkins (PhD thesis, Cambridge, 1989; Watkins and Dayan, "Q-learning", Machine
-    Learning 8, 1992, equation 1), Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)], follows the
-    gradient of a network with one hidden layer, in every step, without replay or a target network.
+    The update is Q(x, a) += eta [r + gamma max Q(x', .) - Q(x, a)] (Watkins, PhD thesis, Cambridge,
+    1989; Watkins and Dayan, "Q-learning", Machine Learning 8, 1992, equation 1). In every step, it
+    follows the gradient of a network with one hidden layer, without replay or a target network.
     Actions, discount and number of updates are those of the paper's fixed proposer. Two things
-    differ from it: the target contains the best next action, and actions are outputs, not inputs.
-    The inputs are the signals themselves, as in the paper.
+    differ: the target contains the best next action, and actions are outputs, not inputs. The
+    inputs are the unscaled signals, as in the paper.
     """
 
     HIDDEN = 16

@@ -47,8 +47,8 @@ class Moments:
         """Normalises values to mean 0 and variance 1, by moments that include these values.
 
         So no result exceeds the square root of the number of values, not even in a test in which a
-        signal varies for the first time. If `keep`, as in training, the moments change. Before
-        they first do, values are returned as they are.
+        signal varies for the first time. If `keep`, as in training, the moments are updated. Tests
+        before the first update return values unchanged.
         """
         if not (keep or (self.count >= 1).any()):
             return values

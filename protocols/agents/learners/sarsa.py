@@ -20,8 +20,8 @@ class SarsaLambda(OnlineLearner):
 
     Sutton and Barto, "Reinforcement Learning: An Introduction", 2nd edition, 2018: section 9.5.4
     (tile coding, tilings displaced by odd numbers) and 12.7 (SARSA(lambda), with traces set to 1).
-    Q(s, a) is the sum of one weight per tiling. Ties of values are broken at random in training; in
-    tests, a fixed random order of each robot breaks them. Traces are kept for the last `MEMORY`
+    Q(s, a) is the sum of one weight per tiling. In training, ties of values are broken at random;
+    in tests, by a random order of actions, fixed for each robot. Traces are kept for `MEMORY`
     steps; those of older steps are below 0.004 with the largest settings, below 2e-7 with the
     defaults. Each tile has its own weight if a tiling has at most `cells` tiles; otherwise a hash
     of the tile's numbers chooses one of `cells` weights.
@@ -33,7 +33,7 @@ class SarsaLambda(OnlineLearner):
         super().__init__(robots, senses, seed, settings)
         setting, self.cells = self.setting, int(settings["cells"])
         self._rate = setting["rate"] / self.TILINGS
-        # Tiles that cover a signal, for each robot, tiling and signal.
+        # Tiles that cover a signal; dimensions: robots, tilings, signals.
         self._tiles = torch.as_tensor(setting["tiles"]).view(-1, 1, 1)
         count, cells = len(ACTIONS), self.TILINGS * self.cells
         self.values = self.keep("values", torch.zeros(robots, count * cells), learned=True)
@@ -48,7 +48,7 @@ class SarsaLambda(OnlineLearner):
         self._factors = torch.where(dense, width ** torch.arange(self.inputs), primes)
         self._hashed = ~dense[:, 0]
         self.pair("weights_of", torch.zeros(robots, self.TILINGS, dtype=torch.int64))
-        # The weights of the last steps, the latest first, and their traces.
+        # Indices of the last steps' weights, the latest first, and their traces.
         self._past = self.keep(
             "past", torch.zeros(robots, self.MEMORY, self.TILINGS, dtype=torch.int64)
         )
@@ -59,7 +59,7 @@ class SarsaLambda(OnlineLearner):
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:
-        """Returns the index, in [0, `cells`), of each of T tilings' tile at a state, shape (B, T).
+        """Returns the index in [0, `cells`) of a state's tile in each of T tilings, shape (B, T).
 
         Args:
           inputs: Signals scaled to [-1, 1], shape (B, I).

@@ -24,7 +24,7 @@ class StreamAC(StreamLearner):
     tests, the action is the mean.
     """
 
-    KAPPA_OF_ACTOR = 1.5  # times the critic's, as published (3 and 2)
+    KAPPA_OF_ACTOR = 1.5  # times the critic's kappa, as published (3, 2)
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
