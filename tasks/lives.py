@@ -140,6 +140,12 @@ class Life(Checked):
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
             raise ValueError(f"phases must be ordered by stage: {', '.join(STAGES)}")
+        before, after = (
+            sum(phase.minutes for phase in self.phases if phase.stage == stage)
+            for stage in ("pre", "post")
+        )
+        if self.tested and not math.isclose(before, after):  # Eq. 4 compares their times
+            raise ValueError(f"both tests must last equally long, got {before:g} and {after:g} min")
         periods = sum(p.minutes / p.every_minutes for p in self.phases if p.every_minutes)
         if periods > _MOST_LEGS:
             raise ValueError(f"places must be drawn at most {_MOST_LEGS} times, got {periods:.3g}")

@@ -326,7 +326,7 @@ class Run:
         )
 
     def test_seconds(self, task: str) -> float:
-        """Returns the duration of the test after training, in simulated seconds.
+        """Returns the duration of each of the two tests, in simulated seconds.
 
         NaN for a life without tests.
         """

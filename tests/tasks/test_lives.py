@@ -52,6 +52,10 @@ def any_life(draw):
         life = draw(st.sampled_from([*LIVES.values()]))
         return life.scaled(draw(st.floats(1e-4, 1)))
     drawn = draw(st.lists(phases, min_size=1, max_size=5))
+    before = [phase for phase in drawn if phase.stage == "pre"]
+    if before and any(phase.stage == "post" for phase in drawn):  # equally long tests
+        drawn = [phase for phase in drawn if phase.stage != "post"]
+        drawn += [dataclasses.replace(phase, stage="post") for phase in before]
     drawn.sort(key=lambda phase: STAGES.index(phase.stage))
     return Life("mine", "Mine", "wall_avoidance", tuple(drawn), False, "genius")
 
@@ -191,6 +195,8 @@ WRONG = {
     "title must be 1 to 60 characters": GOOD | {"title": ""},
     "phases must be ordered by stage: pre, training, post": GOOD
     | {"phases": [{"stage": "post"}, {"stage": "pre"}]},
+    "both tests must last equally long, got 1 and 2 min": GOOD
+    | {"phases": [{"stage": "pre", "minutes": 1}, {"stage": "post", "minutes": 2}]},
     **{words: GOOD | {"phases": [{}, phase]} for words, phase in IN_A_PHASE.items()},
 }
 
