@@ -7,7 +7,7 @@ import datetime
 import queue
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Sized
 from typing import Any, TypeVar
 
 from rich.console import Console
@@ -30,13 +30,40 @@ def _draws_bars() -> bool:
     return False
 
 
+class _Lines:
+    """Decides when a log gets the next line of progress."""
+
+    def __init__(self) -> None:
+        self._pause, self._due = _FIRST, time.monotonic() + _FIRST
+
+    def due(self) -> bool:
+        """Returns whether a line is due; if so, the caller prints it."""
+        if (now := time.monotonic()) < self._due:
+            return False
+        self._pause = min(2 * self._pause, _MINUTE)
+        self._due = now + self._pause
+        return True
+
+
 def tracked(steps: Iterable[Step], what: str, count: int | None = None) -> Iterable[Step]:
-    """Yields steps that take about equal times, and shows a bar on a terminal.
+    """Yields steps that take about equal times; shows a bar, or lines where there is no terminal.
 
     `what` describes the steps. `count` is their number; None if `steps` has a length.
     """
-    console = Console(stderr=True)
-    return track(steps, escape(printable(what)), count, console=console, disable=not _draws_bars())
+    if _draws_bars():
+        yield from track(steps, escape(printable(what)), count, console=Console(stderr=True))
+        return
+    lines, began = _Lines(), time.monotonic()
+    count = len(steps) if isinstance(steps, Sized) else count
+    for done, step in enumerate(steps):
+        if lines.due() and count and done:
+            left = _time((time.monotonic() - began) * (count - done) / done)
+            notice(f"{printable(what)}: {done / count:.1%}, {left} left")
+        yield step
+
+
+def _time(seconds: float) -> str:
+    return str(datetime.timedelta(seconds=max(round(seconds), 0)))
 
 
 class JobProgress:
@@ -67,7 +94,7 @@ class JobProgress:
         self._costs, self._robots, self._watcher = costs, robots, watcher
         self._done: dict[int, float] = {}
         self._first: dict[int, float] = {}  # done by earlier commands; no part of the speed
-        self._lines = not (quiet or _draws_bars())
+        self._log = not (quiet or _draws_bars())
         self._progress = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(),
@@ -76,25 +103,24 @@ class JobProgress:
             TimeElapsedColumn(),
             TextColumn("{task.fields[left]}"),
             console=Console(stderr=True),
-            disable=quiet or self._lines,
+            disable=quiet or self._log,
         )
         total, hours = sum(costs), sum(costs) / 3600
         amount = f"{hours:,.0f}" if hours >= 10 else f"{hours:.2g}"
         self._what = f"{printable(what)}, {amount} robot-hours"
         self._bar = self._progress.add_task(self._what, total=total, speed="", left="")
-        self._began, self._pause = time.monotonic(), _FIRST
-        self._due = self._began + _FIRST  # time of the next line
+        self._began, self._lines = time.monotonic(), _Lines()
         self._shown: float | None = None  # simulated seconds done at the last line
 
     def __enter__(self) -> JobProgress:
         self._progress.start()
-        if self._lines:
+        if self._log:
             notice(self._what)
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._progress.stop()
-        if self._lines and self._shown != sum(self._done.values()):
+        if self._log and self._shown != sum(self._done.values()):
             notice(self.line())
 
     def tell(self, sentence: str) -> None:
@@ -115,9 +141,7 @@ class JobProgress:
                 self._first.setdefault(number, done)
         done, speed, left = self._state()
         self._progress.update(self._bar, completed=done, speed=speed, left=left)
-        if self._lines and (now := time.monotonic()) >= self._due:
-            self._pause = min(2 * self._pause, _MINUTE)
-            self._due = now + self._pause
+        if self._log and self._lines.due():
             notice(self.line())
             self._shown = done
         self._watcher()
@@ -144,5 +168,5 @@ class JobProgress:
         if not new > 0 or not seconds > 0:
             return done, "", ""
         speed = new / seconds
-        left = datetime.timedelta(seconds=max(round((sum(self._costs) - done) / speed), 0))
+        left = _time((sum(self._costs) - done) / speed)
         return done, f"{speed:,.0f} x real time", f"{left} left"

@@ -72,6 +72,16 @@ def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(capfd, clock)
     assert due == [5, 15, 35, 75, 135, 195, 255]
 
 
+def test_a_log_gets_lines_of_steps_that_take_long(capfd, clock):
+    for step in module.tracked(range(20), "observing"):
+        clock[0] = step + 1.0
+    lines = capfd.readouterr().err.splitlines()
+    assert lines == [
+        "musebot: observing: 25.0%, 0:00:15 left",
+        "musebot: observing: 75.0%, 0:00:05 left",
+    ]
+
+
 def test_bars_are_drawn_on_terminals_only(monkeypatch):
     for tty, variables, bars in (
         (False, {}, False),
