@@ -140,6 +140,8 @@ class SGD:
     ) -> None:
         """Moves the weights of every robot's network along the gradient of its output sums.
 
+        An output sum is what an output neuron sums up, before its activation function.
+
         Args:
           inputs: Network inputs, shape (B, I).
           hidden: Hidden activations at these inputs, shape (B, H).

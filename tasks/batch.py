@@ -179,7 +179,7 @@ class Robots(abc.ABC):
     def _finite_motors(self, motors: np.ndarray) -> np.ndarray:
         """Invalidates robots whose motors are not finite.
 
-        Returns what the wheels receive in the world; 0 for all invalid robots.
+        Returns the motor values that reach the wheels in this world, 0 for all invalid robots.
         """
         motors = real_numbers("motors", motors, (self.robots, 2))
         if not np.isfinite(motors).all():

@@ -56,8 +56,8 @@ class Adaptation:
         phase's world, and 1 at the upper bound.
       online: Mean score over the life, weighted by the phases' minutes, shape (n,).
       recovery: Minute of each phase, counted from 1, in which a robot recovers, shape (n, P): the
-        next `WINDOW` minutes, this one included, are the first with a mean score of at least
-        `RECOVERED`. If a robot does not recover, the value is the phase's last minute.
+        first minute of the first `WINDOW` minutes with a mean score of at least `RECOVERED`. If
+        a robot does not recover, the value is the phase's last minute.
       before: Mean score in the last `WINDOW` minutes of each phase, shape (n, P).
       after: Mean score in the first `WINDOW` minutes of each phase, shape (n, P).
       worlds: Index of each phase's world in `Life.worlds`, shape (P,).

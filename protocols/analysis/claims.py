@@ -1,7 +1,7 @@
 """Judges claims: whether the evidence supports a sentence of the paper or contradicts it.
 
 A claim consists of inequalities, each tested in both directions. An inequality compares a statistic
-of a condition with that of another condition (`more`, `less`) or with a border (`most`), or it
+of a condition with that of another condition (`more`, `less`) or with a number (`most`), or it
 compares two values of the same robots (`rises`).
 """
 

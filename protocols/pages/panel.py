@@ -62,8 +62,8 @@ class Panel:
     def frame(self, image: np.ndarray, shot: Moment) -> np.ndarray:
         """Returns a frame, uint8, shape (HEIGHT, WIDTH, 3), around an image of the scene.
 
-        The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show the moment
-        `shot`; the timeline shows all events up to it, also those between two calls.
+        The image is uint8, shape (scene.HEIGHT, scene.WIDTH, 3). The instruments show
+        `shot`. The timeline shows all events up to `shot`, also those since the last frame.
         """
         begun, now = (
             _LEFT + (_RIGHT - _LEFT) * min(time / self._seconds, 1)

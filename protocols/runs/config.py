@@ -129,8 +129,8 @@ class Config:
 def read_config(path: Path) -> Config:
     """Reads a file with the sections `experiment` and `plan` of a run's `experiment.json`.
 
-    Every field may be left out. `brain` is the name of a brain, or parameters that replace those of
-    the paper's brain. If they include a `name`, they replace those of the brain of this name. The
+    Every field may be left out. `brain` is the name of a brain, or a table of parameters that
+    replace those of the paper's brain or, if the table has a `name`, of the brain of this name. The
     other fields are checked later, by `experiment.changed`: the command may override them.
 
     Args:

@@ -157,8 +157,8 @@ class Experiment:
     def batch(self, life: str, robots: int, edits: Sequence[Edit] = ()) -> Robots:
         """Returns robots in lockstep on the host, with the body of the experiment.
 
-        MuJoCo in C simulates the body "mujoco". Cohorts move their robots to the experiment's
-        device and physics afterwards; films and figures do not.
+        MuJoCo in C simulates the body "mujoco". `runs.device` moves a cohort's robots to a GPU or
+        to Warp afterwards; films and figures use these robots as they are.
 
         Args:
           life: Name of a life, or of a task of the domain "arena".

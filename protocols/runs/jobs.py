@@ -187,7 +187,7 @@ class CohortJob:
             save_checkpoint(checkpoint_file(self.directory, cohort.key), cohort)
 
     def _finish(self, cohorts: Sequence[Cohort]) -> None:
-        """Writes the results, the file `path` last, and removes the checkpoints."""
+        """Writes the results, with the file `path` as the last one; removes the checkpoints."""
         for cohort in reversed(cohorts):
             path = finished_file(self.directory, cohort.key)
             save_lives(path, cohort.lives(), self.experiment, cohort.key)

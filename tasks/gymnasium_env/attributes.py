@@ -87,7 +87,7 @@ class RobotAttributes(gymnasium.vector.VectorEnv):
     def set_attr(self, name: str, values: Any) -> None:
         """Sets `options`, which are the same for all robots, or the robots' `np_random`.
 
-        Raises AttributeError for any other attribute, and what the setters of these two raise.
+        Raises AttributeError for any other attribute, ValueError or TypeError for wrong values.
         """
         if name not in SETTABLE:
             raise AttributeError(f"robots of a batch can be given {SETTABLE}, got {name!r}")

@@ -187,8 +187,8 @@ class ArenaVectorEnv(RobotAttributes):
         Raises:
           ValueError: The actions have another shape, or are not finite.
           PhysicsError: A robot's simulation became unstable; then all must be reset.
-          RuntimeError: There was no reset, the batch is closed, or with DISABLED a robot whose
-            episode has ended was not reset.
+          RuntimeError: There was no reset; the batch is closed; or, with AutoresetMode.DISABLED, a
+            robot was not reset after its episode had ended.
         """
         with self._lifecycle.one_thread:
             return self._step(actions)
@@ -283,7 +283,7 @@ class ArenaVectorEnv(RobotAttributes):
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
-        """Continues bit-exactly from a state of `get_state` of as many robots in the same task.
+        """Restores what `get_state` returned, here or for equally many robots in the same task.
 
         Raises ValueError for a state of another task or number of robots, or of robots that do not
         stand in the arena; nothing has changed then. Raises RuntimeError where the batch is closed.
