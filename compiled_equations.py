@@ -317,12 +317,14 @@ def move_all(size, how, robots, motors):
 
 
 @_body
-def sense(task, sensors, state):
+def sense(task, turn, sensors, state):
     """Writes a robot's state, shape (S,); returns its reward, and whether the measured event holds.
 
-    `task` says whether the robot senses the spot, the walls, or both.
+    `task` says whether the robot senses the spot, the walls, or both. `turn` holds cosine and sine
+    of the nose's angle on the rim, and the nose's distance from the centre.
     """
     smells, sees, odour, frustum, spot, printed = task
+    cosine, sine, nose = turn
     touched = sensors[TOUCH] > 0
     reward, event = -1.0 if touched else 0.0, touched
     if sees:
@@ -334,6 +336,8 @@ def sense(task, sensors, state):
         state[smells + 4] = reward
     if smells:
         x, y = sensors[SMELL], sensors[SMELL + 1]
+        if sine or cosine < 0:
+            x, y = cosine * (x + nose) + sine * y - nose, cosine * y - sine * (x + nose)
         distance = math.sqrt(x * x + y * y)
         event = distance < spot
         ratio = spot / max(distance, spot)
@@ -350,8 +354,8 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Three tuples of numbers: the first two of `KinematicBatch.compiled_arguments`, and one
-        that describes the task (`protocols.runs.compiled_life`).
+      world: Tuples of numbers: two of `KinematicBatch.compiled_arguments`; one that describes the
+        task; the wheels of the `World`; and `turn` of `sense` (`protocols.runs.compiled_life`).
       robots: Arrays of `KinematicBatch.compiled_arguments`: poses, wheels, contacts, spots, sensor
         data, and whether robots are valid. All but the spots are changed in place.
       brain: Tuple of `nets`, `neurons` and `now` (the present step) of a `CompiledNeurocontroller`.
@@ -360,7 +364,7 @@ def simulate(world, robots, brain, draws, learning, counts):
       counts: Number of steps in which each robot's measured event has held so far, shape (B,);
         increased in place.
     """
-    size, how, task = world
+    size, how, task, (a, b, c, d), turn = world
     poses, wheels, touch, spots, sensordata, valid = robots
     nets, neurons, now = brain
     rows, actions, exploring = draws
@@ -371,7 +375,7 @@ def simulate(world, robots, brain, draws, learning, counts):
     state = np.empty_like(states[0])
     for robot in range(len(poses)):
         pose, sensors = poses[robot], sensordata[robot]
-        reward, event = sense(task, sensors, state)
+        reward, event = sense(task, turn, sensors, state)
         for step in range(len(exploring)):
             past[robot], done[robot], linked[robot] = states[robot], selected[robot], chained[robot]
             drawn = rows[step], actions[step], exploring[step]
@@ -381,9 +385,11 @@ def simulate(world, robots, brain, draws, learning, counts):
             left, right = np.float64(selected[robot, 0]), np.float64(selected[robot, 1])
             valid[robot] &= math.isfinite(left) and math.isfinite(right)
             if valid[robot]:
+                left, right = a * left + b * right, c * left + d * right
+                left, right = min(max(left, -0.5), 0.5), min(max(right, -0.5), 0.5)
                 touch[robot] = move(size, how, pose, wheels[robot], left, right)
                 measure(size, pose, spots[robot], touch[robot], sensors)
             else:
                 pose[:], wheels[robot], touch[robot], sensors[:] = 0, 0, 0, 0
-            reward, event = sense(task, sensors, state)
+            reward, event = sense(task, turn, sensors, state)
             counts[robot] += event

@@ -21,13 +21,14 @@ from musebot.models.kinematic import WALLS
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.compiled_life import compilable, task_numbers
+from musebot.protocols.runs.compiled_life import compilable, world_numbers
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.config import READINGS
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.plan import Plan
 from musebot.protocols.runs.simulation import check_device
 from musebot.tasks.kinematic import make_kinematic_batch
+from musebot.tasks.world import World
 
 PROPOSERS = ("fixed", "random", "creative")
 TASKS = ("wall_avoidance", "spot_finding", "spot_finding_walls")
@@ -101,7 +102,10 @@ def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
     twin = make_kinematic_batch(task, 40, how, nose=nose)
     twin.compile()
     assert compilable(twin) and not compilable(batch)
-    rules = task_numbers(batch)
+    angle = data.draw(st.sampled_from([0.0, 90.0, 180.0])) if task != "wall_avoidance" else 0.0
+    for robots in (batch, twin):
+        robots.enter(World(nose=angle))
+    rules, _, turn = world_numbers(twin)
     random = np.random.default_rng(data.draw(st.integers(0, 2**32)))
     ends = np.array([batch.dimensions.half_length, batch.dimensions.half_width]) * 0.999
     ends -= batch.dimensions.radius
@@ -121,12 +125,12 @@ def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
         states, rewards = batch.rules.state(batch.sensordata), batch.rules.reward(batch.sensordata)
         events = batch.rules.event(batch.sensordata)
         for robot, sensors in enumerate(batch.sensordata):
-            reward, event = equations.sense(rules, sensors, state)
+            reward, event = equations.sense(rules, turn, sensors, state)
             np.testing.assert_allclose(state, states[robot], rtol=1e-6, atol=1e-7)
             assert reward == pytest.approx(rewards[robot], abs=1e-9) and event == events[robot]
 
 
-@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding"])
+@pytest.mark.parametrize("task", ["wall_avoidance", "spot_finding", "drift@16", "body@3"])
 @pytest.mark.parametrize("proposer", PROPOSERS)
 def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(proposer, task):
     key = CohortKey(Condition(task, proposer), 0)
@@ -134,6 +138,7 @@ def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(p
     other._compiled = None
     for cohort in (one, other):
         cohort.advance(40)
+    assert compilable(one.batch)
     np.testing.assert_allclose(one.batch.pose, other.batch.pose, atol=1e-4)
     for cohort in (one, other):
         cohort.advance(1000)
@@ -143,8 +148,9 @@ def test_a_compiled_life_is_that_of_single_steps_until_rounding_separates_them(p
         np.testing.assert_array_equal(arrays[name], wanted[name])
 
 
-def test_a_compiled_life_that_stops_anywhere_continues_to_the_same_bytes():
-    key, random = CohortKey(Condition("wall_avoidance", "creative"), 0), np.random.default_rng(2)
+@pytest.mark.parametrize("task", ["wall_avoidance", "senses"])  # half of the second is compiled
+def test_a_compiled_life_that_stops_anywhere_continues_to_the_same_bytes(task):
+    key, random = CohortKey(Condition(task, "creative"), 0), np.random.default_rng(2)
     whole, parts = Cohort(LONG, key), Cohort(LONG, key)
     whole.advance(whole.steps)
     while not parts.finished:
@@ -154,7 +160,7 @@ def test_a_compiled_life_that_stops_anywhere_continues_to_the_same_bytes():
         parts.restore(arrays, notes)
     for name, array in whole.checkpoint()[0].items():
         np.testing.assert_array_equal(array, parts.checkpoint()[0][name])
-    assert whole.lives().events.sum() > 0
+    assert whole.lives().events.any() or task == "senses"
 
 
 @pytest.mark.parametrize("proposer", PROPOSERS)

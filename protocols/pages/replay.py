@@ -385,9 +385,7 @@ def watch(
     poses[0] = batch.pose
     life, counts = compiled_life(agent, batch), np.zeros(batch.robots, dtype=np.int32)
     for step in tracked(range(steps), f"observing {what}"):
-        if life is not None:
-            life(1, learning, counts)
-        else:
+        if life is None or not life(1, learning, counts):
             batch.step(decide(agent, batch, learning))
         poses[step + 1] = batch.pose
         events[step] = batch.rules.event(batch.sensordata)

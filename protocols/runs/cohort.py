@@ -14,7 +14,6 @@ from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.lives import STAGES, Leg, Phase, control_steps, place
-from ...tasks.world import World
 from ..agents.base import Agent, Recorder, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
@@ -86,11 +85,12 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     return RawSignals(senses, agent) if raw else agent
 
 
-def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], None] | None:
+def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], bool] | None:
     """Returns a function that simulates control steps of a compiled brain in one loop, or None.
 
     The function takes the number of steps, whether robots learn, and the robots' counts of events,
-    shape (B,), to which it adds. It is None if this agent or this simulator has no such loop.
+    shape (B,), to which it adds. It returns False, and simulates nothing, in a world that the loop
+    cannot compute. It is None if this agent or this simulator has no such loop.
     """
     # A subclass of the agent may act otherwise. A compiled brain shows that Numba is installed.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
@@ -137,11 +137,9 @@ class Cohort:
         self._count_events = functools.partial(add_events, self.batch, self._counts)
         if captured := captured_steps(self.agent, self.batch, self._counts):
             self.decide, self._count_events = captured.decide, captured.count
-        life = experiment.life_of(task)
-        alone = life.worlds == (World(),)
-        self._compiled = compiled_life(self.agent, self.batch) if alone else None
+        self._compiled = compiled_life(self.agent, self.batch)
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
-        self._legs = life.legs()
+        self._legs = experiment.life_of(task).legs()
         self.step, self._entered = 0, -1  # steps so far; step of the last placement
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
@@ -194,9 +192,8 @@ class Cohort:
 
     def simulate(self, steps: int, learning: bool) -> bool:
         """Simulates and counts steps in the compiled loop; returns False without such a loop."""
-        if self._compiled is None:
+        if self._compiled is None or not self._compiled(steps, learning, self._counts):
             return False
-        self._compiled(steps, learning, self._counts)
         self.step += steps
         return True
 

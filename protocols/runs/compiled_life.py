@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -9,8 +10,10 @@ import numpy as np
 from ... import compiled_equations as equations
 from ...controller.compiled import CompiledNeurocontroller
 from ...tasks.kinematic import KinematicBatch
+from ...tasks.rules import Rules
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
+from ...tasks.world import World, WorldRules
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
 _BLOCK = 500_000  # actions whose random numbers are drawn at once, so that these fit a cache
@@ -22,30 +25,46 @@ class CompiledLife:
     def __init__(self, brain: Any, batch: KinematicBatch) -> None:
         """Takes a `CompiledNeurocontroller`, and robots that are `compilable`."""
         self._brain: CompiledNeurocontroller = brain
-        size, how, self._robots = batch.compiled_arguments()
-        self._world = size, how, task_numbers(batch)
+        self._batch = batch
 
-    def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> None:
-        """Simulates control steps; adds each robot's number of events to `counts`, shape (B,)."""
-        brain = self._brain
+    def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> bool:
+        """Simulates control steps; adds each robot's number of events to `counts`, shape (B,).
+
+        Returns False, and simulates nothing, where the loop cannot compute the robots' world.
+        """
+        if not compilable(self._batch):
+            return False
+        brain, (size, how, robots) = self._brain, self._batch.compiled_arguments()
+        world = size, how, *world_numbers(self._batch)
         parts = brain.nets, brain.neurons, brain.now
         block = 1 + _BLOCK // (len(counts) * brain.actions)
         while steps:
             begun = brain.begin_steps(min(steps, block), learning)
             draws = brain.draw(begun, learning)
-            equations.simulate(self._world, self._robots, parts, draws, learning, counts)
+            equations.simulate(world, robots, parts, draws, learning, counts)
             steps -= begun
+        return True
 
 
 def compilable(batch: KinematicBatch) -> bool:
-    """Returns whether the compiled loop can compute motion, sensors and task of these robots."""
-    return batch.compiled and type(batch.rules) in _RULES
+    """Returns whether the compiled loop can compute motion, sensors, task and world of robots.
+
+    Worlds may differ in the wiring of the wheels and the angle of the nose.
+    """
+    wired = World(wheels=batch.world.wheels, nose=batch.world.nose)
+    return batch.compiled and type(_task_rules(batch)) in _RULES and batch.world == wired
 
 
-def task_numbers(batch: KinematicBatch) -> Any:
-    """Returns the parameters of the robots' task that `equations.simulate` needs."""
-    rules = batch.rules
+def world_numbers(batch: KinematicBatch) -> tuple[Any, Any, Any]:
+    """Returns the numbers of task, wheels and nose that `equations.simulate` needs."""
+    rules, angle = _task_rules(batch), math.radians(batch.world.nose)
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
     numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
-    return smells, sees, *numbers, nose.form == "printed"
+    task = smells, sees, *numbers, nose.form == "printed"
+    turn = math.cos(angle), math.sin(angle), float(batch.dimensions.nose)
+    return task, tuple(map(float, batch.world.wheels)), turn
+
+
+def _task_rules(batch: KinematicBatch) -> Rules:
+    return batch.rules.task if isinstance(batch.rules, WorldRules) else batch.rules
