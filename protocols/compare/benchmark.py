@@ -172,7 +172,8 @@ class Benchmark(Study):
             rows = []
             for folder, (own, learner, _) in self._runs.items():
                 if own == name:
-                    rows += _rows(learner, read_run(out / folder), life, matrix.bounds(life))
+                    run = read_run(out / folder, networks=False)  # as in the kept results
+                    rows += _rows(learner, run, life, matrix.bounds(life))
             columns.append(Column(life, matrix, rows))
         return page(columns, self.time_scale)
 
