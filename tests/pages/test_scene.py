@@ -96,3 +96,19 @@ def test_the_sector_of_a_turned_nose_and_no_line_to_another_place_are_drawn(egl:
     canvas.close()
     assert differ(ahead, left, 0.15, -0.2) and differ(ahead, left, 0.0, -0.05)
     assert not differ(ahead, trail, 0.0, 0.2)
+
+
+def test_a_ring_is_drawn_around_a_spot_while_the_robot_is_in_it(egl: None):
+    canvas = scene.Scene("spot_finding")
+    still = Trail(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
+    images = {}
+    for away in (0.05, 0.4):
+        for event in (False, True):  # true at any place if something else is rewarded
+            shot = Moment(
+                0.0, np.array([0.0, 0.0, 0.0]), np.array([away, 0.0]), {"nose": np.zeros(1)},
+                np.zeros(2), contact=False, event=event, event_seconds=0.0,
+            )  # fmt: skip
+            images[away, event] = canvas.draw(shot, still).astype(int)
+    canvas.close()
+    assert differ(images[0.05, False], images[0.05, True], 0.05 + 0.062, 0.0)
+    assert not differ(images[0.4, False], images[0.4, True], 0.4 + 0.062, 0.0)
