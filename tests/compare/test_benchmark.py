@@ -133,6 +133,7 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
     assert tested.call_count == 2 * (len(learners) - 1)
     for learner in learners:  # among the scores and in the table of each life
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 3, learner
+    assert "| - | - |" not in page  # newborns lived in all worlds
     assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2
     for figure in done.figures.values():
         assert sorted(axis.get_title("left") for axis in figure.axes) == sorted(learners)
