@@ -336,7 +336,7 @@ def sense(task, turn, sensors, state):
         state[smells + 4] = reward
     if smells:
         x, y = sensors[SMELL], sensors[SMELL + 1]
-        if sine or cosine < 0:
+        if sine:
             x, y = cosine * (x + nose) + sine * y - nose, cosine * y - sine * (x + nose)
         distance = math.sqrt(x * x + y * y)
         event = distance < spot
@@ -354,8 +354,9 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Tuples of numbers: two of `KinematicBatch.compiled_arguments`; one that describes the
-        task; the wheels of the `World`; and `turn` of `sense` (`protocols.runs.compiled_life`).
+      world: Tuples of numbers: two of `KinematicBatch.compiled_arguments`; then, of
+        `protocols.runs.compiled_life`, one that describes the task, the wheels of the `World` in
+        single precision, and `turn` of `sense`.
       robots: Arrays of `KinematicBatch.compiled_arguments`: poses, wheels, contacts, spots, sensor
         data, and whether robots are valid. All but the spots are changed in place.
       brain: Tuple of `nets`, `neurons` and `now` (the present step) of a `CompiledNeurocontroller`.
@@ -382,12 +383,13 @@ def simulate(world, robots, brain, draws, learning, counts):
             act(nets, acting, state, drawn, robot, now)
             if learning:
                 learn(nets, lesson, F(reward), robot, before, now)
-            left, right = np.float64(selected[robot, 0]), np.float64(selected[robot, 1])
+            left, right = selected[robot]
             valid[robot] &= math.isfinite(left) and math.isfinite(right)
             if valid[robot]:
                 left, right = a * left + b * right, c * left + d * right
-                left, right = min(max(left, -0.5), 0.5), min(max(right, -0.5), 0.5)
-                touch[robot] = move(size, how, pose, wheels[robot], left, right)
+                left, right = min(max(left, F(-0.5)), F(0.5)), min(max(right, F(-0.5)), F(0.5))
+                motors = np.float64(left), np.float64(right)
+                touch[robot] = move(size, how, pose, wheels[robot], *motors)
                 measure(size, pose, spots[robot], touch[robot], sensors)
             else:
                 pose[:], wheels[robot], touch[robot], sensors[:] = 0, 0, 0, 0

@@ -102,7 +102,8 @@ def td_target(
     if p.compares_rewards:
         now.record_reward(reward)
         learning = learning * before.rewarded
-    if p.clipped_bootstrap:  # where the reward fell to 0 or below, V is at most the loss
+    if p.clipped_bootstrap:
+        # Where the reward fell to 0 or below, V is at most max(reward before, 0).
         lost = (now.reward < before.reward) & (now.reward <= 0)
         value = torch.where(lost, torch.minimum(value, before.reward.clamp(min=0)), value)
     if p.reward_form == "difference":

@@ -136,7 +136,7 @@ class Parameters(Checked):
 
     @property
     def repeats_itself(self) -> bool:
-        """Whether the memory would learn its own output without noise, because it is the only idea.
+        """Whether the memory would learn its own output, because no noise changes its ideas.
 
         The memory then does not learn: Adam would turn rounding errors into full steps.
         """

@@ -23,8 +23,8 @@ STEADY = Parameters(
     # The outcome of an exploratory action must not lower the value of the action before it. With
     # advantage learning it would do so in every step.
     bootstrap="max",
-    # "No smell" is the same state after a loss as if nothing was ever smelled: its value must not
-    # exceed the loss. Nor must leaving a wall compensate for touching it.
+    # "No smell" is one state, whether the smell was just lost or never there: its value must not
+    # make up for the loss. Nor must leaving a wall make up for touching it.
     clipped_bootstrap=True,
     # Over 0.1 s the values of driving and standing differ by less than the network's error.
     advantage_scale=0.8,

@@ -31,13 +31,13 @@ def _draws_bars() -> bool:
 
 
 class _Lines:
-    """Decides when a log gets the next line of progress."""
+    """Decides when a log gets lines of progress."""
 
     def __init__(self) -> None:
         self._pause, self._due = _FIRST, time.monotonic() + _FIRST
 
     def due(self) -> bool:
-        """Returns whether a line is due; if so, the caller prints it."""
+        """Returns whether a line is due now; if so, plans the next one."""
         if (now := time.monotonic()) < self._due:
             return False
         self._pause = min(2 * self._pause, _MINUTE)
@@ -54,15 +54,16 @@ def tracked(steps: Iterable[Step], what: str, count: int | None = None) -> Itera
         yield from track(steps, escape(printable(what)), count, console=Console(stderr=True))
         return
     lines, began = _Lines(), time.monotonic()
-    count = len(steps) if isinstance(steps, Sized) else count
+    if count is None and isinstance(steps, Sized):
+        count = len(steps)
     for done, step in enumerate(steps):
-        if lines.due() and count and done:
-            left = _time((time.monotonic() - began) * (count - done) / done)
-            notice(f"{printable(what)}: {done / count:.1%}, {left} left")
+        if done and count and lines.due():
+            left = _duration((time.monotonic() - began) * (count - done) / done)
+            notice(f"{printable(what)}: {100 * done / count:.1f} %, {left} left")
         yield step
 
 
-def _time(seconds: float) -> str:
+def _duration(seconds: float) -> str:
     return str(datetime.timedelta(seconds=max(round(seconds), 0)))
 
 
@@ -168,5 +169,5 @@ class JobProgress:
         if not new > 0 or not seconds > 0:
             return done, "", ""
         speed = new / seconds
-        left = _time((sum(self._costs) - done) / speed)
+        left = _duration((sum(self._costs) - done) / speed)
         return done, f"{speed:,.0f} x real time", f"{left} left"

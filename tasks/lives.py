@@ -120,7 +120,8 @@ class Life(Checked):
       name: Name of the life: lower case letters, digits and underscores.
       title: Title of the life in tables and figures, 1 to 60 characters.
       task: Name of a task of the domain "arena", such as "spot_finding".
-      phases: Phases of the life, in the order "pre", "training", "post".
+      phases: Phases of the life, in the order "pre", "training", "post"; if there are both tests,
+        "pre" and "post", they last equally long.
       wanted: True if the measured event is good (in the spot), False if it is bad (in contact);
         decides the sign of Learn Ability.
       unmeasured: Class of a robot for which the measured event holds in neither test: "genius" or
@@ -135,7 +136,7 @@ class Life(Checked):
     unmeasured: Unmeasured = choice("ignorant", Unmeasured)
 
     def __post_init__(self) -> None:
-        """Raises ValueError where a value is not allowed, or phases are not in order."""
+        """Raises ValueError where a value is not allowed, phases lack order, or tests differ."""
         super().__post_init__()
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
@@ -145,7 +146,8 @@ class Life(Checked):
             for stage in ("pre", "post")
         )
         if self.tested and not math.isclose(before, after):  # Eq. 4 compares their times
-            raise ValueError(f"both tests must last equally long, got {before:g} and {after:g} min")
+            both = f"{before:.10g} and {after:.10g} min"
+            raise ValueError(f"both tests must last equally long, got {both}")
         periods = sum(p.minutes / p.every_minutes for p in self.phases if p.every_minutes)
         if periods > _MOST_LEGS:
             raise ValueError(f"places must be drawn at most {_MOST_LEGS} times, got {periods:.3g}")

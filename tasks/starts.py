@@ -16,7 +16,7 @@ Corner = Literal["upper_left", "upper_right"]
 Random = np.random.RandomState | np.random.Generator
 
 FROM_WALLS = 0.10  # [m]; distance of a robot's centre to both walls of a corner (section 3.1)
-_DRAWS = 10_000  # draws of a pose after which there is no room for it
+_DRAWS = 10_000  # draws of a pose after which the arena counts as full
 _TOLERANCE = 1e-9  # [m]; rounding of places computed from the arena's dimensions
 _X, _Y = (half - FROM_WALLS for half in half_size(arena_spec()))
 # x, y in [m] and heading in [rad] of a robot that faces the corner.

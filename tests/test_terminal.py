@@ -73,13 +73,15 @@ def test_lines_of_a_log_come_soon_at_first_and_then_a_minute_apart(capfd, clock)
 
 
 def test_a_log_gets_lines_of_steps_that_take_long(capfd, clock):
-    for step in module.tracked(range(20), "observing"):
-        clock[0] = step + 1.0
-    lines = capfd.readouterr().err.splitlines()
-    assert lines == [
-        "musebot: observing: 25.0%, 0:00:15 left",
-        "musebot: observing: 75.0%, 0:00:05 left",
-    ]
+    for steps, count in ((range(20), None), (iter(range(20)), 20)):
+        began = clock[0]
+        for step in module.tracked(steps, "observing", count):
+            clock[0] = began + step + 1.0
+        lines = capfd.readouterr().err.splitlines()
+        assert lines == [
+            "musebot: observing: 25.0 %, 0:00:15 left",
+            "musebot: observing: 75.0 %, 0:00:05 left",
+        ]
 
 
 def test_bars_are_drawn_on_terminals_only(monkeypatch):

@@ -144,7 +144,7 @@ class AgentContract:
             _law(equal, "loaded weights drive it otherwise: weights() misses something")
 
     def test_robots_may_differ_in_their_settings(self) -> None:
-        """One value for all robots equals it for each; a robot's value affects no other robot."""
+        """A single value acts as the same value for each robot; its own affects no other."""
         each = {n: one for n, one in settings_of(self._factory).items() if one.each}
         if not each:
             return

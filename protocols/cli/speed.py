@@ -112,8 +112,8 @@ def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
 def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Callable[[], None]]:
     """Returns two functions: one simulates a cohort's steps in MuJoCo, the other their physics.
 
-    The second repeats the motor values of the first, from the same states, by `mujoco.rollout`. No
-    program that chooses new motor values in every control step can be faster. The last
+    The second repeats the motor values of the first, from the same states, by `mujoco.rollout`. Any
+    program that chooses new motor values in every control step must simulate this physics. The last
     substep is a rollout of its own, where the solver begins anew, as in a `Batch`. The second
     function raises RunError if it ends in other states.
     """

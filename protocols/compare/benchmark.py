@@ -172,7 +172,7 @@ class Benchmark(Study):
             rows = []
             for folder, (own, learner, _) in self._runs.items():
                 if own == name:
-                    run = read_run(out / folder, networks=False)  # as in the kept results
+                    run = read_run(out / folder, networks=False)  # a kept study may lack them
                     rows += _rows(learner, run, life, matrix.bounds(life))
             columns.append(Column(life, matrix, rows))
         return page(columns, self.time_scale)

@@ -116,7 +116,7 @@ def shots_at(
 
 
 def _trail(past: Iterable[Moment], shot: Moment, event: bool, speed: float) -> Trail:
-    """Returns the trail through past moments to a shot; `event`: whether the shot has the event."""
+    """Returns the trail through past moments to a shot; `event` is that of its last stretch."""
     time, reach = shot.time, min(_TRAIL * speed, _TRAIL_LIMIT)
     first = math.ceil((time - reach) / CONTROL_TIMESTEP) * CONTROL_TIMESTEP
     points = [m for m in past if first - _ROUNDING < m.time <= time]

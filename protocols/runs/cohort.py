@@ -89,8 +89,8 @@ def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], boo
     """Returns a function that simulates control steps of a compiled brain in one loop, or None.
 
     The function takes the number of steps, whether robots learn, and the robots' counts of events,
-    shape (B,), to which it adds. It returns False, and simulates nothing, in a world that the loop
-    cannot compute. It is None if this agent or this simulator has no such loop.
+    shape (B,), to which it adds. In a world that the loop cannot compute, it returns False and
+    simulates nothing. None is returned if this agent or this simulator has no such loop.
     """
     # A subclass of the agent may act otherwise. A compiled brain shows that Numba is installed.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
@@ -191,7 +191,7 @@ class Cohort:
         self.step += 1
 
     def simulate(self, steps: int, learning: bool) -> bool:
-        """Simulates and counts steps in the compiled loop; returns False without such a loop."""
+        """Simulates and counts steps in the compiled loop; returns False where it cannot."""
         if self._compiled is None or not self._compiled(steps, learning, self._counts):
             return False
         self.step += steps

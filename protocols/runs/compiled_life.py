@@ -13,7 +13,7 @@ from ...tasks.kinematic import KinematicBatch
 from ...tasks.rules import Rules
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
-from ...tasks.world import World, WorldRules
+from ...tasks.world import WorldRules
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
 _BLOCK = 500_000  # actions whose random numbers are drawn at once, so that these fit a cache
@@ -51,20 +51,21 @@ def compilable(batch: KinematicBatch) -> bool:
 
     Worlds may differ in the wiring of the wheels and the angle of the nose.
     """
-    wired = World(wheels=batch.world.wheels, nose=batch.world.nose)
-    return batch.compiled and type(_task_rules(batch)) in _RULES and batch.world == wired
+    world = batch.world
+    bodily = not world.sensors and world.rewarded == "task"
+    return batch.compiled and bodily and type(_rules_of_task(batch)) in _RULES
 
 
 def world_numbers(batch: KinematicBatch) -> tuple[Any, Any, Any]:
     """Returns the numbers of task, wheels and nose that `equations.simulate` needs."""
-    rules, angle = _task_rules(batch), math.radians(batch.world.nose)
+    rules, angle = _rules_of_task(batch), math.radians(batch.world.nose)
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
     numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
     task = smells, sees, *numbers, nose.form == "printed"
     turn = math.cos(angle), math.sin(angle), float(batch.dimensions.nose)
-    return task, tuple(map(float, batch.world.wheels)), turn
+    return task, tuple(map(np.float32, batch.world.wheels)), turn
 
 
-def _task_rules(batch: KinematicBatch) -> Rules:
+def _rules_of_task(batch: KinematicBatch) -> Rules:
     return batch.rules.task if isinstance(batch.rules, WorldRules) else batch.rules

@@ -62,7 +62,8 @@ class Summary:
       deviation: Standard deviation of L over the robots that have a Learn Ability.
       post_share: Share of the test after training in contact, or in the spot: mean over all
         valid robots.
-      invalid: Number of robots whose simulation became unstable; no other attribute counts them.
+      invalid: Number of robots that were stopped: unstable, or with a weight that is not finite.
+        No other attribute counts them.
     """
 
     counts: tuple[int, int, int, int, int]

@@ -1,4 +1,4 @@
-"""Runs jobs on this machine, each in a process of its own, and stops them on signals."""
+"""Runs jobs in processes of this machine, and stops them on signals."""
 
 from __future__ import annotations
 

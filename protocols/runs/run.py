@@ -37,7 +37,8 @@ class Lives:
         test before training, in training, and in the test after training.
       minutes: Number of control steps in contact, or in the spot, in each of M simulated minutes,
         shape (N, M).
-      valid: False for a robot with an unstable simulation or a weight not finite, shape (N,).
+      valid: False for a robot with an unstable simulation or a weight that is not finite.
+        Shape (N,).
       before: Weights before training, by name, each of shape (N, ...); empty if not kept.
       after: Weights after training, by name, each of shape (N, ...); empty if not kept.
     """
@@ -308,7 +309,7 @@ class Run:
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
         """Returns valid robots' shares of a test's time in contact, or in the spot, shape (n,)."""
         times = [getattr(row, f"t_{part}_s") for row in self.valid(condition)]
-        return np.array(times, dtype=float) / self.test_seconds(condition.task)
+        return np.array(times, dtype=float) / self.test_seconds(condition.task, part)
 
     def life_shares(self, condition: Condition) -> np.ndarray:
         """Returns valid robots' shares of their life in contact, or in the spot, shape (n,)."""
@@ -325,9 +326,6 @@ class Run:
             exact=self.exact_classes,
         )
 
-    def test_seconds(self, task: str) -> float:
-        """Returns the duration of each of the two tests, in simulated seconds.
-
-        NaN for a life without tests.
-        """
-        return self.experiment.life_of(task).steps_of("post") * CONTROL_TIMESTEP or math.nan
+    def test_seconds(self, task: str, part: Literal["pre", "post"] = "post") -> float:
+        """Returns the duration of a test, in simulated seconds; NaN for a life without it."""
+        return self.experiment.life_of(task).steps_of(part) * CONTROL_TIMESTEP or math.nan
