@@ -19,6 +19,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
+KEPT = Path(__file__).parents[2] / "docs" / "results" / "lives"
 TINY = {"robots": 2, "time_scale": 0.0005, "life": ("body",)}
 
 
@@ -143,6 +144,17 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
             assert len(axis.lines) == TINY["robots"] + 1 + 11  # changes of the world
     with pytest.raises(InputError, match="holds a study with seed 61010, not 5"):
         conduct(dataclasses.replace(study, seed=5), out, in_process())
+
+
+@pytest.mark.slow
+def test_the_kept_page_is_made_again_from_runs_that_lack_networks():
+    study = Benchmark(
+        life=("tasks", "drift"),
+        agent=("sarsa_lambda", "dqn_no_replay", "constant", "paper"),
+        tuned=tuple((KEPT.parent / "tuned").iterdir()),
+        backend="numba",
+    )
+    assert study.page(KEPT).markdown == (KEPT / "benchmark.md").read_text()
 
 
 def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
