@@ -77,6 +77,7 @@ class Robots(abc.ABC):
 
     Attributes:
       robots: Number of robots, B.
+      task_rules: Rules of the task in the default world.
       rules: Rules of the task in the present world: observations, reward and measured event.
       dimensions: Dimensions of robot, arena and spot, equal for all robots.
       world: World of all robots, which `enter` changes.
@@ -89,7 +90,7 @@ class Robots(abc.ABC):
     def __init__(self, robots: int, rules: Rules, dimensions: Dimensions, nsensordata: int) -> None:
         """Initialises B robots that sense zeros; ValueError unless B is at least 1."""
         self.robots = whole_number("robots", robots, 1)
-        self.rules = self._task_rules = rules
+        self.rules = self.task_rules = rules
         self.dimensions = dimensions
         self.world = World()
         self.sensordata = np.zeros((robots, nsensordata))
@@ -145,7 +146,7 @@ class Robots(abc.ABC):
         robots of this task do not sense.
         """
         if world != self.world:
-            self.rules = world.rules(self._task_rules, self.dimensions.nose)
+            self.rules = world.rules(self.task_rules, self.dimensions.nose)
             self.world = world
 
     def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -348,7 +349,7 @@ class Batch(Robots):
     def __getstate__(self) -> dict[str, Any]:
         """Returns what an exact copy needs; threads and MuJoCo's scratch space are made anew."""
         threads = {"threads": self._nthread} if self._nthread else {}
-        made_from = (self.model, self._task_rules, self.robots), threads
+        made_from = (self.model, self.task_rules, self.robots), threads
         parts = {"dimensions": self.dimensions, "world": self.world, "state": self.get_state()}
         return {"made_from": made_from, **parts}
 

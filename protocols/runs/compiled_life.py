@@ -10,10 +10,8 @@ import numpy as np
 from ... import compiled_equations as equations
 from ...controller.compiled import CompiledNeurocontroller
 from ...tasks.kinematic import KinematicBatch
-from ...tasks.rules import Rules
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
-from ...tasks.world import WorldRules
 
 _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
 _BLOCK = 500_000  # actions whose random numbers are drawn at once, so that these fit a cache
@@ -53,19 +51,15 @@ def compilable(batch: KinematicBatch) -> bool:
     """
     world = batch.world
     bodily = not world.sensors and world.rewarded == "task"
-    return batch.compiled and bodily and type(_rules_of_task(batch)) in _RULES
+    return batch.compiled and bodily and type(batch.task_rules) in _RULES
 
 
 def world_numbers(batch: KinematicBatch) -> tuple[Any, Any, Any]:
     """Returns the numbers of task, wheels and nose that `equations.simulate` needs."""
-    rules, angle = _rules_of_task(batch), math.radians(batch.world.nose)
+    rules, angle = batch.task_rules, math.radians(batch.world.nose)
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
     numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
     task = smells, sees, *numbers, nose.form == "printed"
     turn = math.cos(angle), math.sin(angle), float(batch.dimensions.nose)
     return task, tuple(map(np.float32, batch.world.wheels)), turn
-
-
-def _rules_of_task(batch: KinematicBatch) -> Rules:
-    return batch.rules.task if isinstance(batch.rules, WorldRules) else batch.rules
