@@ -16,6 +16,7 @@ from torch import nn
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
 from musebot.protocols.agents.learners.dqn import DQN
+from musebot.protocols.agents.learners.networks import Adam, LayeredNetworks
 from musebot.protocols.agents.learners.obgd import make_sparse
 from musebot.protocols.agents.learners.sarsa import SarsaLambda
 from musebot.protocols.agents.settings import settings_of
@@ -242,6 +243,25 @@ def test_sarsa_lambda_is_the_published_algorithm():
     for i, value in values.items():
         assert agent.values[1, i] == pytest.approx(value, abs=1e-5)
     assert agent.state()["traces"][1].sum() == pytest.approx(sum(traces.values()), rel=1e-4)
+
+
+@pytest.mark.parametrize("rate", [0.01, torch.tensor([0.01, 0.03])])
+def test_adam_is_pytorchs_and_its_moments_never_become_subnormal(rate):
+    random = torch.Generator().manual_seed(0)
+    nets = LayeredNetworks(2, (1, 2, 1), random)
+    adam, smallest = Adam(nets, rate, 0.9), torch.finfo().tiny
+    rows = [row.double().requires_grad_() for row in nets.flat]
+    rates = torch.as_tensor(rate).expand(2).tolist()
+    theirs = [torch.optim.Adam([row], lr=lr) for row, lr in zip(rows, rates, strict=True)]
+    for step in range(2500):
+        gradient = torch.randn(nets.flat.shape, generator=random) * (step < 20)
+        adam.step(gradient)
+        for row, optimizer, slopes in zip(rows, theirs, gradient, strict=True):
+            row.grad = slopes.double()
+            optimizer.step()
+        for moment in adam.tensors[1:]:
+            assert not ((moment != 0) & (moment.abs() < smallest)).any()
+    assert torch.allclose(nets.flat.double(), torch.stack(rows), atol=1e-4)
 
 
 def test_of_equal_values_each_action_is_taken_as_often():
