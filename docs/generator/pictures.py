@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 from PIL import Image
 
@@ -35,12 +37,22 @@ COMMANDS = {
 
 
 def digest() -> str:
-    """Returns the digest of the files that decide what the pictures show."""
-    sources = [*(ROOT / "models").glob("*.xml"), ROOT / "models" / "arena_variants.py"]
-    sources += [ROOT / "protocols" / "pages" / f"{name}.py" for name in ("film", "panel", "scene")]
-    sources += [Path(__file__)]
-    content = b"".join(path.read_bytes() for path in sorted(sources))
-    return hashlib.sha256(content).hexdigest()
+    """Returns the digest of the files that decide what pictures show, without comments."""
+    code = [ROOT / "protocols" / "pages" / f"{name}.py" for name in ("film", "panel", "scene")]
+    code += [ROOT / "models" / "arena_variants.py", Path(__file__)]
+    models = sorted((ROOT / "models").glob("*.xml"))
+    content = [ElementTree.canonicalize(from_file=str(path)) for path in models]
+    content += [_without_docstrings(path.read_text()) for path in sorted(code)]
+    return hashlib.sha256("".join(content).encode()).hexdigest()
+
+
+def _without_docstrings(code: str) -> str:
+    tree = ast.parse(code)
+    for node in ast.walk(tree):
+        documented = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
+        if documented and ast.get_docstring(node):
+            node.body[0] = ast.Pass()
+    return ast.unparse(tree)
 
 
 def main() -> None:
