@@ -85,12 +85,12 @@ def td_target(
     `reward_form`, `bootstrap`, `clipped_bootstrap` and `advantage_scale` each change one term.
 
     Args:
-      p: Parameters of the brain, of which `discount` and the five named above are used.
+      p: Parameters of the brain.
       maximal: Raw reward at maximal smell, shape (), if `raw_reward` applies; None otherwise.
       reward: Reward sensed at time t + 1, shape (B,).
       before: Step at time t, whose action led to the reward.
-      now: Step at time t + 1. If `p.compares_rewards`, this step stores the reward for the next
-        target.
+      now: Step at time t + 1. If `p.compares_rewards`, the function stores the reward in it, for
+        the next target.
 
     Returns:
       The targets; and 1 for each robot that has a target, else 0; both of shape (B,).

@@ -131,7 +131,8 @@ class Neurocontroller:
         Redraws noise patterns that are due, and sets epsilon and learn rate for the robots' age.
 
         Returns:
-          Which of the two remembered steps is the present one: True and False alternate.
+          A flag that changes in each step, and tells which of the two remembered steps is the
+          present one.
         """
         if self.memory is not None:
             self.memory.patterns.renew()

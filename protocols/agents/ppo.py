@@ -201,7 +201,7 @@ def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any
     """Reads a file of policies.
 
     Returns:
-      The task, the weights, named as in `Policies`, and the notes on how they were trained.
+      The task; the weights, by their names in `Policies`; and notes on how they were trained.
 
     Raises:
       InputError: there is no such file, or it holds no policies.

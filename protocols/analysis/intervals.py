@@ -191,8 +191,8 @@ def difference_of_means(
 
     Returns:
       Interval of the first mean minus the second. It is unknown if a group has fewer values than
-      `FEWEST_RESAMPLED`, if one mean is near an end of `span` and the other group's values are all
-      equal but not near one, or if no resample differs from another.
+      `FEWEST_RESAMPLED`, or if all resamples are equal. It is also unknown if one mean is near an
+      end of `span`, while all values of the other group are equal and not near an end.
     """
     measured = first[~np.isnan(first)], second[~np.isnan(second)]
     enough = min(map(len, measured)) >= FEWEST_RESAMPLED

@@ -62,8 +62,9 @@ class Ranked(NamedTuple):
 
     Attributes:
       trial: Number of the trial, and its choice of settings.
-      early: Shares of the robots in each part of life, first round, shape (parts, robots).
-      late: Shares in the second round, shape (parts, robots); None if the trial was not kept.
+      early: Each robot's share in each part of its life, shape (parts, robots), in the first
+        round.
+      late: The same in the second round; None if the trial was not kept.
     """
 
     trial: Trial

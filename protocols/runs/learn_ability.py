@@ -60,8 +60,8 @@ class Summary:
       counts: Number of robots in each class, in the order of `CATEGORIES`.
       mean: Mean L of the robots that have a Learn Ability; NaN if none has.
       deviation: Standard deviation of L over the robots that have a Learn Ability.
-      post_share: Share of the test after training in contact, or in the spot: mean over all
-        valid robots.
+      post_share: In the test after training, the share of the time in contact, or in the spot;
+        mean over all valid robots.
       invalid: Number of robots that were stopped: unstable, or with a weight that is not finite.
         No other attribute counts them.
     """
