@@ -19,7 +19,7 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
-KEPT = Path(__file__).parents[2] / "docs" / "results" / "lives"
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
 TINY = {"robots": 2, "time_scale": 0.0005, "life": ("body",)}
 
 
@@ -147,14 +147,21 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
 
 
 @pytest.mark.slow
-def test_the_kept_page_is_made_again_from_runs_that_lack_networks():
+@pytest.mark.parametrize(
+    ("folder", "lives", "learners"),
+    [
+        ("lives", ("tasks", "drift"), ()),
+        ("lives-body", ("body",), ("steady",)),
+    ],
+)
+def test_kept_pages_are_made_again_from_runs_that_lack_networks(folder, lives, learners):
     study = Benchmark(
-        life=("tasks", "drift"),
-        agent=("sarsa_lambda", "dqn_no_replay", "constant", "paper"),
-        tuned=tuple((KEPT.parent / "tuned").iterdir()),
+        life=lives,
+        agent=("sarsa_lambda", "dqn_no_replay", "constant", *learners, "paper"),
+        tuned=tuple((RESULTS / "tuned").iterdir()),
         backend="numba",
     )
-    assert study.page(KEPT).markdown == (KEPT / "benchmark.md").read_text()
+    assert study.page(RESULTS / folder).markdown == (RESULTS / folder / "benchmark.md").read_text()
 
 
 def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
