@@ -75,7 +75,7 @@ def tunable(**settings: Setting) -> Callable[[Factory], Factory]:
     """Declares a factory's settings; it receives each as a keyword, with its default or as set."""
 
     def decorate(factory: Factory) -> Factory:
-        @functools.wraps(factory)
+        @functools.wraps(factory, updated=())  # a class has a large `__dict__`
         def complete(*arguments: Any, **chosen: float) -> Any:
             defaults = {name: setting.default for name, setting in settings.items()}
             return factory(*arguments, **defaults | chosen)

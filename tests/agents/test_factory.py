@@ -57,7 +57,7 @@ def test_every_name_of_an_agent_of_ours_is_recorded_as_the_same():
     assert RECORDED_NAMES == RECORDED
     for name, recorded in RECORDED.items():
         factory = factory_of(name)
-        code = f"{factory.__module__}:{factory.__qualname__}"
+        code = f"{factory.__module__}:{name}"
         for given in (name, recorded, code):
             assert recorded_name(given) == recorded
             assert factory_of(recorded_name(given)) is factory

@@ -8,7 +8,6 @@ from torch import Tensor
 from torch.distributions import Normal
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, column
@@ -90,7 +89,7 @@ class AmortisedQ(OnlineLearner):
         return mean.tanh(), low + (high - low) * sums.sigmoid()
 
 
-@tunable(
+amortised_q = tunable(
     rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the values", log=True, each=True),
     proposer_rate=Setting(0.001, 1e-4, 1e-2, "learn rate of the proposals", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
@@ -98,7 +97,4 @@ class AmortisedQ(OnlineLearner):
     epsilon_steps=epsilon_steps(1.0),
     entropy=Setting(0.1, 0.01, 1.0, "weight of the proposals' entropy", log=True, each=True),
     hidden=hidden(),
-)
-def amortised_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Amortised Q-learning: a learned distribution proposes actions (Van de Wiele et al. 2020)."""
-    return AmortisedQ(robots, senses, seed, **settings)
+)(AmortisedQ)

@@ -9,7 +9,6 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, OnlineLearner, hidden
 from .networks import LayeredNetworks, of_unit_length
@@ -121,13 +120,10 @@ def make_orthogonal(weights: Tensor, generator: torch.Generator) -> None:
     weights.copy_(q if rows >= columns else q.mT)
 
 
-@tunable(
+avg = tunable(
     discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
     actor_rate=Setting(0.0063, 1e-5, 1e-2, "learn rate of the actor", log=True, each=True),
     critic_rate=Setting(0.0087, 1e-5, 1e-2, "learn rate of the critic", log=True, each=True),
     entropy=Setting(0.07, 0.001, 0.5, "weight of the policy's entropy", log=True, each=True),
     hidden=hidden("published 256"),
-)
-def avg(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Action Value Gradient: an incremental soft actor-critic (Vasan et al. 2024)."""
-    return AVG(robots, senses, seed, **settings)
+)(AVG)

@@ -7,7 +7,6 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, column
@@ -104,14 +103,5 @@ SETTINGS = {
     "hidden": hidden(),
 }
 
-
-@tunable(**SETTINGS)
-def dqn(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """DQN: Q-learning from a memory of the last 50,000 transitions (Mnih et al. 2015)."""
-    return DQN(robots, senses, seed, **settings)
-
-
-@tunable(**SETTINGS)
-def dqn_no_replay(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn` without its memory: it learns from the last transition only."""
-    return DQNWithoutReplay(robots, senses, seed, **settings)
+dqn = tunable(**SETTINGS)(DQN)
+dqn_no_replay = tunable(**SETTINGS)(DQNWithoutReplay)

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .dqn import SETTINGS, DQNWithoutReplay
 from .networks import column
@@ -97,35 +96,20 @@ class CentredDQN(DQNWithoutReplay):
         super().update(centred)
 
 
-@tunable(**SETTINGS, decay=_DECAY)
-def dqn_l2(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn_no_replay` with decoupled weight decay (L2 towards zero)."""
-    return ShrinkAndPerturb(robots, senses, seed, **settings)
+dqn_l2 = tunable(**SETTINGS, decay=_DECAY)(ShrinkAndPerturb)
 
-
-@tunable(
+dqn_shrink_perturb = tunable(
     **SETTINGS,
     decay=_DECAY,
     noise=Setting(1e-5, 1e-7, 1e-3, "noise in a step, SD", log=True, each=True),
-)
-def dqn_shrink_perturb(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn_no_replay` with weights that shrink and receive noise (Ash and Adams 2020)."""
-    return ShrinkAndPerturb(robots, senses, seed, **settings)
+)(ShrinkAndPerturb)
 
-
-@tunable(
+dqn_continual = tunable(
     **SETTINGS,
     replaced=Setting(1e-5, 1e-7, 1e-3, "share of mature neurons in a step", log=True, each=True),
-)
-def dqn_continual(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn_no_replay` with continual backpropagation (Dohare and others 2024)."""
-    return ContinualBackprop(robots, senses, seed, **settings)
+)(ContinualBackprop)
 
-
-@tunable(
+dqn_centred = tunable(
     **SETTINGS,
     pace=Setting(1e-3, 1e-5, 0.1, "share of a reward in its mean", log=True, each=True),
-)
-def dqn_centred(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """`dqn_no_replay` with reward centring (Naik and others 2024)."""
-    return CentredDQN(robots, senses, seed, **settings)
+)(CentredDQN)

@@ -8,7 +8,6 @@ from torch import Tensor
 
 from ....controller.networks import Networks
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 
@@ -55,12 +54,9 @@ class QLearner(OnlineLearner):
         self._networks.ascend(inputs, hidden, steps)
 
 
-@tunable(
+q_learner = tunable(
     rate=Setting(0.05, 0.001, 0.05, "learn rate", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.95, "discount of the next value; above it diverges", each=True),
     epsilon=epsilon(0.05),
     epsilon_steps=epsilon_steps(1.0),
-)
-def q_learner(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Online Q-learning: a network of 16 hidden neurons has the 25 fixed actions as outputs."""
-    return QLearner(robots, senses, seed, **settings)
+)(QLearner)

@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 from .networks import column
@@ -102,7 +101,7 @@ class SarsaLambda(OnlineLearner):
         self.values.scatter_add_(1, self._past.flatten(1), moves.flatten(1))
 
 
-@tunable(
+sarsa_lambda = tunable(
     rate=Setting(0.5, 0.03, 1.0, "learn rate of the sum of the tilings", log=True, each=True),
     discount=Setting(0.9, 0.6, 0.99, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.9, "lambda: traces decay by discount times lambda", each=True),
@@ -111,7 +110,4 @@ class SarsaLambda(OnlineLearner):
     epsilon_steps=epsilon_steps(1.0),
     tiles=Setting(7, 4, 12, "tiles that cover the range of a signal", each=True),
     cells=Setting(512, 64, 16384, "weights of a tiling, which its tiles share", tuned=False),
-)
-def sarsa_lambda(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """SARSA(lambda) with tile coding and the paper's 25 fixed actions (Sutton and Barto 2018)."""
-    return SarsaLambda(robots, senses, seed, **settings)
+)(SarsaLambda)

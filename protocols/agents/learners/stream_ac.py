@@ -8,7 +8,6 @@ from torch import Tensor
 from torch.distributions import Normal
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import LARGEST, hidden
 from .networks import LayeredNetworks, normalised
@@ -83,7 +82,7 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
     return mean, F.softplus(sums)
 
 
-@tunable(
+stream_ac = tunable(
     discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.95, "lambda: traces decay by discount times lambda", each=True),
     kappa=Setting(
@@ -96,7 +95,4 @@ def _distribution(outputs: Tensor) -> tuple[Tensor, Tensor]:
     ),
     entropy=Setting(0.01, 0.001, 0.1, "weight of the policy's entropy", log=True, each=True),
     hidden=hidden("published 128"),
-)
-def stream_ac(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Stream AC(lambda): an actor-critic with traces and bounded steps (Elsayed 2024)."""
-    return StreamAC(robots, senses, seed, **settings)
+)(StreamAC)

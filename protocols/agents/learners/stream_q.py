@@ -6,7 +6,6 @@ import torch
 from torch import Tensor
 
 from ....controller.senses import Senses
-from ..base import Agent
 from ..settings import Number, Setting, tunable
 from .base import ACTIONS, epsilon, epsilon_steps, hidden
 from .networks import LayeredNetworks, normalised
@@ -54,7 +53,7 @@ class StreamQ(StreamLearner):
         self.descent.forget(self.before["exploratory"])
 
 
-@tunable(
+stream_q = tunable(
     discount=Setting(0.99, 0.6, 0.995, "discount of the next value", each=True),
     trace=Setting(0.8, 0.0, 0.95, "lambda: traces decay by discount times lambda", each=True),
     kappa=Setting(
@@ -63,7 +62,4 @@ class StreamQ(StreamLearner):
     epsilon=epsilon(0.01),
     epsilon_steps=epsilon_steps(7200.0),  # the published 5 % of 144,000
     hidden=hidden("as published"),
-)
-def stream_q(robots: int, senses: Senses, seed: int, **settings: Number) -> Agent:
-    """Stream Q(lambda): Q-learning with traces and bounded steps, no replay (Elsayed 2024)."""
-    return StreamQ(robots, senses, seed, **settings)
+)(StreamQ)
