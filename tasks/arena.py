@@ -173,15 +173,14 @@ class Environment(control.Environment):
         Raises TypeError for an unknown option, ValueError for a place outside the arena or in an
         obstacle, RuntimeError where the environment is closed.
         """
-        with self.lifecycle.one_thread:
-            self.lifecycle.check_open()
-            self.task.start = self.task.episode.start_with(options)
-            timestep = super().reset()
-            self.lifecycle.become("failed")  # until the pose has been found stable
-            # Not in `initialize_episode`, which is called before the pose is in the sensors.
-            self.task.check(self.physics)
-            self.lifecycle.become("running")
-            return timestep
+        self.lifecycle.check_open()
+        self.task.start = self.task.episode.start_with(options)
+        timestep = super().reset()
+        self.lifecycle.become("failed")  # until the pose has been found stable
+        # Not in `initialize_episode`, which is called before the pose is in the sensors.
+        self.task.check(self.physics)
+        self.lifecycle.become("running")
+        return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
         """Simulates 0.1 s for a left and right action, shape (2,), clipped to `action_spec`.
@@ -189,30 +188,27 @@ class Environment(control.Environment):
         Raises:
           ValueError: The action is not two finite numbers, or the reward is not as `rules` declare.
           PhysicsError: The simulation became unstable; then `reset` must be called.
-          RuntimeError: The environment is closed, has failed, or is in use by another thread.
+          RuntimeError: The environment is closed or has failed.
         """
-        with self.lifecycle.one_thread:
-            if not self.lifecycle.running and self.lifecycle.stage != "new":
-                self.lifecycle.refuse()
-            try:
-                return super().step(action)
-            except control.PhysicsError:
-                self.lifecycle.become("failed")
-                raise
+        if not self.lifecycle.running and self.lifecycle.stage != "new":
+            self.lifecycle.refuse()
+        try:
+            return super().step(action)
+        except control.PhysicsError:
+            self.lifecycle.become("failed")
+            raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""
-        with self.lifecycle.one_thread:
-            if self.lifecycle.stage != "closed":
-                self.lifecycle.become("closed")
-                self.physics.free()
+        if self.lifecycle.stage != "closed":
+            self.lifecycle.become("closed")
+            self.physics.free()
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on; RuntimeError if closed or failed."""
-        with self.lifecycle.one_thread:
-            if self.lifecycle.stage in ("closed", "failed"):
-                self.lifecycle.refuse()
-            return self._state()
+        if self.lifecycle.stage in ("closed", "failed"):
+            self.lifecycle.refuse()
+        return self._state()
 
     def _state(self) -> dict[str, Any]:
         return {
@@ -238,17 +234,16 @@ class Environment(control.Environment):
         Raises ValueError if the state is of another task, of another kind of random stream, or has
         the robot outside the arena; then nothing has changed. Raises RuntimeError if closed.
         """
-        with self.lifecycle.one_thread:
-            self.check_state(state, self.task.random)
-            set_stream_state(self.task.random, state["random"])
-            self.physics.restore(state["physics"], state["sensordata"])
-            self.task.steps = self._step_count = state["steps"]
-            self._reset_next_step = state["over"]
-            episode = self.task.episode
-            if episode.life:
-                self.task.enter(episode.leg_of(self.task.steps).phase.world, self.physics)
-            self.task.check(self.physics)
-            self.lifecycle.become("running")
+        self.check_state(state, self.task.random)
+        set_stream_state(self.task.random, state["random"])
+        self.physics.restore(state["physics"], state["sensordata"])
+        self.task.steps = self._step_count = state["steps"]
+        self._reset_next_step = state["over"]
+        episode = self.task.episode
+        if episode.life:
+            self.task.enter(episode.leg_of(self.task.steps).phase.world, self.physics)
+        self.task.check(self.physics)
+        self.lifecycle.become("running")
 
     @property
     def physics(self) -> Physics:

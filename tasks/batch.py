@@ -20,7 +20,7 @@ import numpy as np
 from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
-from .episode import CONTROL_TIMESTEP, OneThread, real_numbers, whole_number
+from .episode import CONTROL_TIMESTEP, real_numbers, whole_number
 from .rules import Rules
 from .world import World
 
@@ -248,7 +248,6 @@ class Batch(Robots):
         super().__init__(robots, rules, Dimensions.of(model), model.nsensordata)
         self.model = model
         self.substeps = substeps_of(model)
-        self._one_thread = OneThread()
         self._nthread = whole_number("threads", threads, 0)
         self._threads = [mujoco.MjData(model) for _ in range(max(threads, 1))]
         self._scratch = self._threads[0]
@@ -280,13 +279,12 @@ class Batch(Robots):
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         robots, poses = self._placed(robots, poses, "poses", 3)
         nq = self.model.nq
-        with self._one_thread:
-            self._state[robots] = 0
-            self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
-            self._control[robots, : self.model.nu] = 0
-            for robot in robots:
-                self.show(robot, self._scratch)
-                self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
+        self._state[robots] = 0
+        self._state[robots, 1 : 1 + nq] = robot_qpos(poses)
+        self._control[robots, : self.model.nu] = 0
+        for robot in robots:
+            self.show(robot, self._scratch)
+            self.sensordata[robot] = self._scratch.sensordata if self.valid[robot] else 0
 
     def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
         nu = self.model.nu
@@ -294,11 +292,10 @@ class Batch(Robots):
         self._control[robots, nu : nu + 2] = spots
 
     def step(self, motors: np.ndarray) -> None:
-        with self._one_thread:
-            np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
-            time = self._state[:, 0].copy()
-            self.sensordata[:] = self.simulate()
-            self._stop_unsound(self._sound(time))
+        np.clip(self._finite_motors(motors), -0.5, 0.5, out=self._control[:, : self.model.nu])
+        time = self._state[:, 0].copy()
+        self.sensordata[:] = self.simulate()
+        self._stop_unsound(self._sound(time))
 
     def show(self, robot: int, data: mujoco.MjData) -> None:
         """Copies a robot's state into MuJoCo's data, for a picture; IndexError for a bad number."""

@@ -11,7 +11,6 @@ import copy
 import dataclasses
 import functools
 import math
-import threading
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self
 
@@ -30,7 +29,6 @@ _REFUSALS: Mapping[Stage, str] = {
     "failed": "reset must be called after a PhysicsError, before the next step",
     "closed": "the environment is closed",
 }
-_TWO_THREADS = "another thread is in a call of this environment: give each thread one of its own"
 _MOST_STEPS = 2**53  # limit for an episode without end
 
 
@@ -127,27 +125,6 @@ class Episode:
         return np.clip(values, -self.limit, self.limit) * (0.5 / self.limit)
 
 
-class OneThread:
-    """A lock that refuses a second thread, because MuJoCo's data allow only one.
-
-    One thread may hold it several times. A copy starts unlocked.
-    """
-
-    def __init__(self) -> None:
-        lock = threading.RLock()
-        self._acquire, self._release = lock.acquire, lock.release
-
-    def __enter__(self) -> None:
-        if not self._acquire(False):
-            raise RuntimeError(_TWO_THREADS)
-
-    def __exit__(self, *error: object) -> None:
-        self._release()
-
-    def __reduce__(self) -> tuple[type, tuple[()]]:
-        return OneThread, ()
-
-
 class Lifecycle:
     """The states of an environment: "new", then "running" from each reset on, until it fails.
 
@@ -156,13 +133,11 @@ class Lifecycle:
 
     Attributes:
       stage: State of the environment: "new", "running", "failed" or "closed".
-      one_thread: Lock that every call of the environment holds.
     """
 
     def __init__(self) -> None:
         """Starts in the stage "new"."""
         self.stage: Stage = "new"
-        self.one_thread = OneThread()
 
     @property
     def running(self) -> bool:

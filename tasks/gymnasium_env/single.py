@@ -116,16 +116,15 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         unknown option, ValueError for a place outside the arena or inside an obstacle.
         """
         environment = self._environment
-        with environment.lifecycle.one_thread:
-            environment.task.episode.start_with(options)  # refuses before anything changes
-            if environment.lifecycle.stage == "closed":
-                environment.lifecycle = Lifecycle()
-            super().reset(seed=seed)
-            environment.task.reseed(self.np_random)
-            timestep = environment.reset(options=options)
-            self._counts = [0, 0]
-            self._show()
-            return _state(timestep.observation), self._info(0)
+        environment.task.episode.start_with(options)  # refuses before anything changes
+        if environment.lifecycle.stage == "closed":
+            environment.lifecycle = Lifecycle()
+        super().reset(seed=seed)
+        environment.task.reseed(self.np_random)
+        timestep = environment.reset(options=options)
+        self._counts = [0, 0]
+        self._show()
+        return _state(timestep.observation), self._info(0)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulates 0.1 s for a left and right action within `action_space`, shape (2,).
@@ -135,14 +134,13 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         does, and RuntimeError before a reset and after the end of a life.
         """
         environment = self._environment
-        with environment.lifecycle.one_thread:
-            environment.lifecycle.check_running()
-            if environment.task.steps >= environment.task.episode.steps:
-                raise RuntimeError("reset must be called after the end of a life")
-            timestep = environment.step(action)
-            self._show()
-            over = environment.task.steps >= environment.task.episode.steps  # of a life
-            return _state(timestep.observation), timestep.reward, False, over, self._info(1)
+        environment.lifecycle.check_running()
+        if environment.task.steps >= environment.task.episode.steps:
+            raise RuntimeError("reset must be called after the end of a life")
+        timestep = environment.step(action)
+        self._show()
+        over = environment.task.steps >= environment.task.episode.steps  # of a life
+        return _state(timestep.observation), timestep.reward, False, over, self._info(1)
 
     def render(self) -> Any:
         """Draws the window, or returns a picture.
@@ -151,49 +149,45 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         shape (height, width). "rgbd_tuple": both. "human": None. Raises RuntimeError where OpenGL
         cannot be opened, or the environment is closed.
         """
-        with self._environment.lifecycle.one_thread:
-            self._environment.lifecycle.check_open()
-            if self.render_mode is None:
-                return None
-            if self.mujoco_renderer is None:
-                from ...models.gymnasium_renderer import ArenaRenderer
+        self._environment.lifecycle.check_open()
+        if self.render_mode is None:
+            return None
+        if self.mujoco_renderer is None:
+            from ...models.gymnasium_renderer import ArenaRenderer
 
-                self.mujoco_renderer = ArenaRenderer(self.model, self.data, **self._picture)
-            return self.mujoco_renderer.render(self.render_mode)
+            self.mujoco_renderer = ArenaRenderer(self.model, self.data, **self._picture)
+        return self.mujoco_renderer.render(self.render_mode)
 
     def close(self) -> None:
         """Closes the window, and frees the renderer; only `reset` opens the environment again."""
         lifecycle = self._environment.lifecycle
-        with lifecycle.one_thread:
-            if self.mujoco_renderer is not None:
-                self.mujoco_renderer.close()
-                self.mujoco_renderer = None
-            if lifecycle.stage != "closed":
-                lifecycle.become("closed")
+        if self.mujoco_renderer is not None:
+            self.mujoco_renderer.close()
+            self.mujoco_renderer = None
+        if lifecycle.stage != "closed":
+            lifecycle.become("closed")
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
         It lacks the step count of Gymnasium's wrapper TimeLimit.
         """
-        with self._environment.lifecycle.one_thread:
-            self._environment.lifecycle.check_running()
-            own = {"counts": list(self._counts), "seed": self.np_random_seed}
-            return self._environment.get_state() | own | {"options": dict(self.options)}
+        self._environment.lifecycle.check_running()
+        own = {"counts": list(self._counts), "seed": self.np_random_seed}
+        return self._environment.get_state() | own | {"options": dict(self.options)}
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
         environment = self._environment
-        with environment.lifecycle.one_thread:
-            rest = dict(state) if isinstance(state, Mapping) else {}
-            own = {name: rest.pop(name, None) for name in ("counts", "seed", "options")}
-            check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
-            environment.check_state(rest, self.np_random)
-            check_counts("counts", own["counts"], [rest["steps"]] * 2)
-            self.options = own["options"]
-            environment.task.reseed(self.np_random)
-            environment.set_state(rest)
-            self._counts, self._np_random_seed = list(own["counts"]), own["seed"]
+        rest = dict(state) if isinstance(state, Mapping) else {}
+        own = {name: rest.pop(name, None) for name in ("counts", "seed", "options")}
+        check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
+        environment.check_state(rest, self.np_random)
+        check_counts("counts", own["counts"], [rest["steps"]] * 2)
+        self.options = own["options"]
+        environment.task.reseed(self.np_random)
+        environment.set_state(rest)
+        self._counts, self._np_random_seed = list(own["counts"]), own["seed"]
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "mujoco_renderer": None}

@@ -153,28 +153,27 @@ class ArenaVectorEnv(RobotAttributes):
         TypeError for an unknown option, ValueError for a wrong number of seeds, a wrong mask or an
         impossible place, gymnasium.error.Error for a negative seed, RuntimeError after `close`.
         """
-        with self._lifecycle.one_thread:
-            self._lifecycle.check_open()
-            places = dict(options or {})
-            mask = self._mask(places.pop("reset_mask", None))
-            start = self._episode.start_with(places)
-            if isinstance(seed, int | np.integer):
-                seed = [int(seed) + k for k in range(self.num_envs)]
-            seeds = [None] * self.num_envs if seed is None else list(seed)
-            if len(seeds) != self.num_envs:
-                raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
-            # All streams are made before the first is kept: a seed may be refused.
-            made = {
-                robot: seeding.np_random(own)
-                for robot, own in enumerate(seeds)
-                if mask[robot] and own is not None
-            }
-            for robot, pair in made.items():
-                self._randoms[robot], self._seeds[robot] = pair
-            self._begin(np.flatnonzero(mask), start)
-            self._over[mask] = False
-            self._lifecycle.become("running")
-            return self._states(), self._info(mask)
+        self._lifecycle.check_open()
+        places = dict(options or {})
+        mask = self._mask(places.pop("reset_mask", None))
+        start = self._episode.start_with(places)
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + k for k in range(self.num_envs)]
+        seeds = [None] * self.num_envs if seed is None else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"there must be {self.num_envs} seeds, got {len(seeds)}")
+        # All streams are made before the first is kept: a seed may be refused.
+        made = {
+            robot: seeding.np_random(own)
+            for robot, own in enumerate(seeds)
+            if mask[robot] and own is not None
+        }
+        for robot, pair in made.items():
+            self._randoms[robot], self._seeds[robot] = pair
+        self._begin(np.flatnonzero(mask), start)
+        self._over[mask] = False
+        self._lifecycle.become("running")
+        return self._states(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> _Timestep:
         """Simulates 0.1 s for the robots' left and right actions, shape (B, 2).
@@ -190,10 +189,6 @@ class ArenaVectorEnv(RobotAttributes):
           RuntimeError: There was no reset; the batch is closed; or, with AutoresetMode.DISABLED, a
             robot was not reset after its episode had ended.
         """
-        with self._lifecycle.one_thread:
-            return self._step(actions)
-
-    def _step(self, actions: np.ndarray) -> _Timestep:
         batch = self._batch
         self._lifecycle.check_running()
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
@@ -243,32 +238,29 @@ class ArenaVectorEnv(RobotAttributes):
         `robots` are their numbers; None for all. Raises IndexError where there is no such robot,
         RuntimeError where the batch is closed.
         """
-        with self._lifecycle.one_thread:
-            self._lifecycle.check_open()
-            if self.render_mode != "rgb_array":
-                return None
-            batch = self._batch
-            if self._painter is None:
-                self._painter = Physics.from_model(MjModel(copy.copy(batch.model)))
-            physics, pictures = self._painter, []
-            for robot in range(self.num_envs) if robots is None else robots:
-                batch.show(robot, physics.data.ptr)
-                pictures.append(physics.render(**self._picture))
-            return tuple(pictures)
+        self._lifecycle.check_open()
+        if self.render_mode != "rgb_array":
+            return None
+        batch = self._batch
+        if self._painter is None:
+            self._painter = Physics.from_model(MjModel(copy.copy(batch.model)))
+        physics, pictures = self._painter, []
+        for robot in range(self.num_envs) if robots is None else robots:
+            batch.show(robot, physics.data.ptr)
+            pictures.append(physics.render(**self._picture))
+        return tuple(pictures)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer; the batch cannot be used any more."""
-        with self._lifecycle.one_thread:
-            self._lifecycle.become("closed")
-            if self._painter is not None:
-                self._painter.free()
-                self._painter = None
+        self._lifecycle.become("closed")
+        if self._painter is not None:
+            self._painter.free()
+            self._painter = None
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on; RuntimeError unless running."""
-        with self._lifecycle.one_thread:
-            self._lifecycle.check_running()
-            return self._state()
+        self._lifecycle.check_running()
+        return self._state()
 
     def _state(self) -> dict[str, Any]:
         return {
@@ -288,20 +280,19 @@ class ArenaVectorEnv(RobotAttributes):
         Raises ValueError for a state of another task or number of robots, or of robots that do not
         stand in the arena; nothing has changed then. Raises RuntimeError where the batch is closed.
         """
-        with self._lifecycle.one_thread:
-            self._lifecycle.check_open()
-            self._check_state(state)
-            self.options = state["options"]
-            for random, one in zip(self.np_random, state["randoms"], strict=True):
-                set_stream_state(random, one)
-            self._batch.set_state(state["batch"])
-            self._seeds = list(state["seeds"])
-            self._steps, self._counts, self._over = (
-                state[name].copy() for name in ("steps", "counts", "over")
-            )
-            if self._episode.life:
-                self._batch.enter(self._episode.leg_of(int(self._steps[0])).phase.world)
-            self._lifecycle.become("running")
+        self._lifecycle.check_open()
+        self._check_state(state)
+        self.options = state["options"]
+        for random, one in zip(self.np_random, state["randoms"], strict=True):
+            set_stream_state(random, one)
+        self._batch.set_state(state["batch"])
+        self._seeds = list(state["seeds"])
+        self._steps, self._counts, self._over = (
+            state[name].copy() for name in ("steps", "counts", "over")
+        )
+        if self._episode.life:
+            self._batch.enter(self._episode.leg_of(int(self._steps[0])).phase.world)
+        self._lifecycle.become("running")
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
         randoms: list[Any] = [None] * self.num_envs

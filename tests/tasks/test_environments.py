@@ -4,7 +4,6 @@ import copy
 import dataclasses
 import pickle
 import re
-import threading
 
 import numpy as np
 import pytest
@@ -256,30 +255,6 @@ def test_nothing_works_after_close_but_a_reset_of_gymnasiums_single_environment(
     if make is Single:  # as Gymnasium's own
         one.reset()
         assert_continue_alike(one, other)
-
-
-def test_a_second_thread_is_refused(make):
-    """MuJoCo's data would not survive it."""
-    one, said, stop = begun(make, "spot_finding"), [], threading.Event()
-
-    def step():
-        while not stop.is_set() and not said:
-            try:
-                one.step(STILL)
-            except RuntimeError as error:
-                said.append(str(error))
-
-    threads = [threading.Thread(target=step) for _ in range(3)]
-    for thread in threads:
-        thread.start()
-    threads[0].join(timeout=60)
-    stop.set()
-    for thread in threads:
-        thread.join()
-    assert said and set(said) == {
-        "another thread is in a call of this environment: give each thread one of its own"
-    }
-    one.step(STILL)
 
 
 # States and copies
