@@ -208,7 +208,8 @@ class ArenaVectorEnv(RobotAttributes):
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
-        if leg := self._episode.leg_from(int(self._steps[0])):
+        # Robots of a life begin together; the call that starts them is no step of an episode.
+        if not len(starting) and (leg := self._episode.leg_from(int(self._steps[0]))):
             self._enter(leg, np.arange(self.num_envs))
         self._counts += self._events()
         rewards = batch.rules.checked_reward(batch.sensordata).astype(float)

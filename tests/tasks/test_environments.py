@@ -389,6 +389,23 @@ def test_a_life_is_alike_in_every_interface_and_ends_once():
     np.testing.assert_array_equal(one.env.reset()[0], other.env.reset()[0])
 
 
+def test_a_batch_whose_episodes_end_one_step_before_a_placement_equals_single_environments():
+    batch = Vector(TWO_WORLDS, max_episode_steps=89)  # places are drawn at the step 90
+    singles = [Single(TWO_WORLDS, seed=1 + robot) for robot in range(ROBOTS)]
+    ours, theirs = batch.env.reset(seed=1), [one.env.reset(seed=one.seed) for one in singles]
+    random = np.random.default_rng(0)
+    for step in range(2 * 90 + 1):
+        np.testing.assert_array_equal(ours[0], [its[0] for its in theirs])
+        for name in INFO:
+            np.testing.assert_array_equal(ours[-1][name], [its[-1][name] for its in theirs])
+        actions = random.uniform(-1, 1, (ROBOTS, 2)).astype(np.float32)
+        ours = batch.env.step(actions)
+        if step % 90 == 89:  # the call after an episode's end starts the next
+            theirs = [one.env.reset() for one in singles]
+        else:
+            theirs = [one.env.step(action) for one, action in zip(singles, actions, strict=True)]
+
+
 def test_a_life_takes_no_places_and_its_robots_begin_together():
     for make in KINDS:
         one = begun(make, TWO_WORLDS)
