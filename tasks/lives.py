@@ -242,15 +242,18 @@ class Life(Checked):
         return "in the spot" if self.wanted else "in contact"
 
 
-def place(batch: Robots, phase: Phase, random: Random) -> None:
-    """Enters a phase's world, and places spots, then robots, which sense the new spots."""
+def place(batch: Robots, phase: Phase, random: Random, robots: np.ndarray | None = None) -> None:
+    """Enters a phase's world, and places spots, then robots, which sense the new spots.
+
+    `robots` are the indices of those that are placed, shape (n,); None for all.
+    """
     batch.enter(phase.world)
-    everyone = np.arange(batch.robots)
-    spots, poses = phase.draw(random, batch.dimensions, batch.robots)
+    placed = np.arange(batch.robots) if robots is None else robots
+    spots, poses = phase.draw(random, batch.dimensions, len(placed))
     if spots is not None:
-        batch.place_spot(everyone, spots)
+        batch.place_spot(placed, spots)
     if poses is not None:
-        batch.place(everyone, poses)
+        batch.place(placed, poses)
 
 
 def control_steps(minutes: float) -> int:

@@ -169,7 +169,9 @@ class Cohort:
     def enter(self) -> None:
         """Places robots and spots if the next step begins a `leg`; a second call does nothing."""
         if self.step == self.leg.start != self._entered:
-            self.place(self.leg.phase)
+            place(self.batch, self.leg.phase, self._random)
+            if self.leg.phase.robot is not None:
+                self.agent.reset()
             self._entered = self.step
 
     def recorded(self) -> Recorder:
@@ -178,12 +180,6 @@ class Cohort:
         recorder = self.agent = Recorder(self.agent)
         self.decide = functools.partial(decide, recorder, self.batch)
         return recorder
-
-    def place(self, phase: Phase) -> None:
-        """Places robots and spots by the rule of a phase."""
-        place(self.batch, phase, self._random)
-        if phase.robot is not None:
-            self.agent.reset()
 
     def count(self) -> None:
         """Counts a control step, and adds the events after it to the robots' counts."""

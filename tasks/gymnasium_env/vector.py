@@ -26,7 +26,7 @@ from ..episode import (
     stream_state,
     whole_number,
 )
-from ..lives import Leg
+from ..lives import Leg, place
 from ..sensors import Nose
 from ..starts import Start, random_spots
 from ..suite import make_batch
@@ -355,13 +355,8 @@ class ArenaVectorEnv(RobotAttributes):
 
     def _enter(self, leg: Leg, robots: np.ndarray) -> None:
         """Begins a stretch of a life, with places drawn from the robots' own streams."""
-        self._batch.enter(leg.phase.world)
         for robot in robots.tolist():
-            spots, poses = leg.phase.draw(self._randoms[robot], self._batch.dimensions, 1)
-            if spots is not None:
-                self._batch.place_spot(np.array([robot]), spots)
-            if poses is not None:
-                self._batch.place(np.array([robot]), poses)
+            place(self._batch, leg.phase, self._randoms[robot], np.array([robot]))
 
     def _states(self) -> np.ndarray:
         return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
