@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import abc
+import json
 from collections.abc import Mapping
 
 import numpy as np
-
-_WORD = 2**64 - 1
 
 
 def sound(weights: Mapping[str, np.ndarray], robots: int) -> np.ndarray:
@@ -22,34 +21,24 @@ def random_state(random: np.random.Generator) -> np.ndarray:
     """Returns the state of a generator that `np.random.default_rng` made, for `Agent.state`.
 
     Returns:
-      Six numbers, uint64, shape (6,): PCG64's state and increment (128 bits each, the low half
-      first), whether 32 drawn bits are left for the next draw (0 or 1), and these bits.
+      NumPy's own description of the state, as the characters of JSON, uint8, shape (n,).
 
     Raises:
       ValueError: the generator is not a PCG64.
     """
-    held = random.bit_generator.state
-    if held["bit_generator"] != "PCG64":
-        raise ValueError(f"the generator must be PCG64, got {held['bit_generator']}")
-    words = [held["state"][name] >> shift & _WORD for name in ("state", "inc") for shift in (0, 64)]
-    return np.array([*words, held["has_uint32"], held["uinteger"]], np.uint64)
+    state = random.bit_generator.state
+    if state["bit_generator"] != "PCG64":
+        raise ValueError(f"the generator must be PCG64, got {state['bit_generator']}")
+    return np.frombuffer(json.dumps(state).encode(), np.uint8)
 
 
 def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
     """Sets a generator to a state that `random_state` returned: the same numbers follow.
 
     Raises:
-      ValueError: `words` is no state of a PCG64.
+      ValueError: the generator is not a PCG64, or `words` is no state of one.
     """
-    if np.shape(words) != (6,):
-        raise ValueError(f"a generator's state has six words, got the shape {np.shape(words)}")
-    low, high, inc_low, inc_high, left, half = map(int, words)
-    if not inc_low % 2 or left not in (0, 1) or half >= 2**32:
-        raise ValueError("these words are no state of PCG64")
-    state = {"state": low | high << 64, "inc": inc_low | inc_high << 64}
-    random.bit_generator.state = {
-        "bit_generator": "PCG64", "state": state, "has_uint32": left, "uinteger": half
-    }  # fmt: skip
+    random.bit_generator.state = json.loads(bytes(words))
 
 
 class Agent(abc.ABC):

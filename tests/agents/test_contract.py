@@ -76,7 +76,8 @@ def learning_in_tests(agent, state, learning):
 
 
 def half_a_word_lost(agent, arrays):
-    Mean.load_state(agent, arrays | {"random": [*arrays["random"][:4], 0, 0]})
+    Mean.load_state(agent, arrays)
+    agent.random.bit_generator.state |= {"has_uint32": 0}
 
 
 def refused(agent, *given):
@@ -245,19 +246,11 @@ def test_the_exit_status_says_whether_a_law_is_broken(capsys):
     assert cli.main(["doctor", "--agent", "creative"]) == 2
 
 
-def test_a_restored_generator_draws_the_same_numbers():
-    for drawn in range(4):
-        first, second = np.random.default_rng(1), np.random.default_rng(2)
-        first.integers(5, size=drawn)
-        load_random_state(second, random_state(first))
-        numbers = [[*one.integers(5, size=9), *one.random(3)] for one in (first, second)]
-        assert numbers[0] == numbers[1]
-
-
-def test_the_state_of_another_generator_or_of_other_words_is_refused():
+def test_the_state_of_another_generator_or_a_damaged_one_is_refused():
+    other, own = np.random.Generator(np.random.MT19937(1)), np.random.default_rng(1)
     with pytest.raises(ValueError, match="must be PCG64, got MT19937"):
-        random_state(np.random.Generator(np.random.MT19937(1)))
-    words = random_state(np.random.default_rng(1))
-    for wrong in (words[:5], words[:, None], 0 * words, words | 2**40):
-        with pytest.raises(ValueError, match="six words|no state of PCG64"):
-            load_random_state(np.random.default_rng(1), wrong)
+        random_state(other)
+    words = random_state(own)
+    for generator, wrong in ((other, words), (own, words[:5]), (own, 0 * words)):
+        with pytest.raises(ValueError):
+            load_random_state(generator, wrong)
