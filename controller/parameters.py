@@ -151,11 +151,6 @@ class Parameters(Checked):
         return dataclasses.replace(Parameters(), **own) == self
 
     @property
-    def needs_maximal_smell(self) -> bool:
-        """Whether the brain must know the raw signal at maximal smell."""
-        return self.raw_signals or self.raw_reward
-
-    @property
     def compares_rewards(self) -> bool:
         """Whether Eq. 1's target needs the reward of the previous step."""
         return self.clipped_bootstrap or self.reward_form == "difference"

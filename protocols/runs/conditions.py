@@ -56,7 +56,7 @@ class Condition:
         return lives.index(self.task), self.task, names.index(self.proposer), self.proposer
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, order=True)
 class CohortKey:
     """The identity of a cohort: its condition, and its number within the condition."""
 
@@ -67,10 +67,6 @@ class CohortKey:
         """Returns the name of the cohort's files."""
         condition = self.condition
         return f"{condition.task}-{condition.proposer.replace(':', '.')}-{self.index:04d}"
-
-    def __lt__(self, other: CohortKey) -> bool:
-        """Compares by condition, then by number."""
-        return (self.condition, self.index) < (other.condition, other.index)
 
 
 def check_proposer(name: str) -> None:

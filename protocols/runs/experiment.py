@@ -100,7 +100,7 @@ class Experiment:
         numba = self.backend == "numba"
         excluded = {
             "a brain that uses the maximal smell needs the nose 'inverse'": (
-                printed and self.brain.needs_maximal_smell
+                printed and (self.brain.raw_signals or self.brain.raw_reward)
             ),
             "raw signals need the nose 'inverse'": printed and self.signals == "raw",
             f"the radius must be less than {FROM_WALLS:g} m, got {radius}": (

@@ -125,8 +125,7 @@ def normalised(x: Tensor) -> Tensor:
 
 def of_unit_length(x: Tensor) -> Tensor:
     """Applies a leaky ReLU to a layer's weighted sums, then scales the vector to length 1."""
-    x = F.leaky_relu(x)
-    return x / x.norm(dim=-1, keepdim=True).clamp(min=1e-12)
+    return F.normalize(F.leaky_relu(x), dim=-1)
 
 
 class Adam:
