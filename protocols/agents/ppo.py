@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import torch
@@ -53,9 +53,21 @@ class Policies:
         Raises:
           InputError: there is no such file, or it holds no policies for this task.
         """
-        trained_on, arrays, _ = read_policies(path)
+        try:
+            arrays, notes = load_arrays(path, _check_shapes)
+        except FileNotFoundError as error:
+            raise InputError(str(error)) from error
+        trained_on = notes.get("task")
+        if not isinstance(trained_on, str) or trained_on not in TASKS:
+            raise DamagedFileError(f"{path} holds no policies")
         if trained_on != task:
             raise InputError(f"{path} holds policies for {trained_on}, not for {task}")
+        signals, own = arrays["after.0.weights"].shape[2], len(senses_of(task).state)
+        if signals != own:
+            raise DamagedFileError(f"{path}: {task} has {own} signals, its policies {signals}")
+        for name, array in arrays.items():
+            if not np.isfinite(array).all():
+                raise DamagedFileError(f"{path}: {name} must be finite")
         return cls(task, arrays)
 
     @property
@@ -195,31 +207,6 @@ def policy_shapes(signals: int, policies: int) -> Shapes:
         shapes[f"{when}.{layer}.weights"] = "F32", (policies, *sizes[::-1])
         shapes[f"{when}.{layer}.biases"] = "F32", (policies, sizes[1])
     return shapes
-
-
-def read_policies(path: Path) -> tuple[str, dict[str, np.ndarray], dict[str, Any]]:
-    """Reads a file of policies.
-
-    Returns:
-      The task; the weights, by their names in `Policies`; and notes on how they were trained.
-
-    Raises:
-      InputError: there is no such file, or it holds no policies.
-    """
-    try:
-        arrays, notes = load_arrays(path, _check_shapes)
-    except FileNotFoundError as error:
-        raise InputError(str(error)) from error
-    task = notes.pop("task", None)
-    if not isinstance(task, str) or task not in TASKS:
-        raise DamagedFileError(f"{path} holds no policies")
-    signals, own = arrays["after.0.weights"].shape[2], len(senses_of(task).state)
-    if signals != own:
-        raise DamagedFileError(f"{path}: {task} has {own} signals, its policies {signals}")
-    for name, array in arrays.items():
-        if not np.isfinite(array).all():
-            raise DamagedFileError(f"{path}: {name} must be finite")
-    return task, arrays, notes
 
 
 def _check_shapes(found: Shapes) -> None:

@@ -5,13 +5,13 @@ import pytest
 
 import musebot
 from musebot.protocols.agents import ppo
-from musebot.protocols.agents.ppo import Policies, policy_file, read_policies
+from musebot.protocols.agents.ppo import Policies, policy_file
 from musebot.protocols.agents.signals import senses_of
 from musebot.protocols.errors import DamagedFileError, InputError
 from musebot.protocols.runs.cohort import Cohort, make_agent
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.experiment import Experiment
-from musebot.protocols.storage import save_arrays
+from musebot.protocols.storage import load_arrays, save_arrays
 from musebot.tasks.suite import TASKS
 
 AGENT = "musebot.protocols.ppo:ppo"
@@ -120,15 +120,11 @@ def test_a_life_continues_only_with_the_policies_with_which_it_began(folder):
     save_arrays(path, newborn(task, 3, seed=1).arrays, task=task, steps=1)
     with pytest.raises(ValueError, match="not those with which the life began"):
         Cohort(experiment, key).restore(arrays, notes)
-    read_task, arrays, notes = read_policies(path)
-    assert (read_task, notes) == (task, {"steps": 1})
-    np.testing.assert_equal(arrays, newborn(task, 3, seed=1).arrays)
+    np.testing.assert_equal(Policies.load(path, task).arrays, newborn(task, 3, seed=1).arrays)
 
 
 def test_a_file_without_policies_is_refused(tmp_path):
     path = tmp_path / "policies.safetensors"
-    with pytest.raises(InputError, match="there is no file"):
-        ppo.read_policies(path)
     arrays = newborn("spot_finding_unit", 1).arrays
     for some, notes in (
         (arrays, {"task": "flying"}),
@@ -136,13 +132,13 @@ def test_a_file_without_policies_is_refused(tmp_path):
     ):
         save_arrays(path, some, **notes)
         with pytest.raises(DamagedFileError, match="holds no policies"):
-            ppo.read_policies(path)
+            Policies.load(path, "wall_avoidance")
 
 
 def test_a_policy_comes_with_musebot_for_every_task_of_the_suite_only(monkeypatch):
     for _, task in musebot.ALL_TASKS:
         policies = Policies.load(path := policy_file(task), task)
-        _, _, notes = read_policies(path)
+        notes = load_arrays(path)[1]
         assert policies.robots == 1 and (notes["seed"], notes["steps"]) == (0, 327_680)
         assert path.stat().st_size < 50_000
     with pytest.raises(InputError, match="there is no task 'dancing'; there are wall_"):
