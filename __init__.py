@@ -86,7 +86,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
 
     Raises:
       TypeError: An option is unknown.
-      ModuleNotFoundError: The extra `brain` is not installed.
+      ModuleNotFoundError: The extra `brain`, or one that an option needs, is not installed.
       protocols.errors.InputError: A value is invalid, or the folder holds another experiment or
         files other than a run's.
     """

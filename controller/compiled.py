@@ -8,12 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-try:
-    from .. import compiled_equations as equations
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        f"{error.name} is not installed; pip install 'musebot[numba]' gets it", name=error.name
-    ) from error
+from .. import compiled_equations as equations
 from .creative_memory import NoisePatterns
 from .exploration import EpsilonGreedy
 from .neurocontroller import Neurocontroller

@@ -42,8 +42,8 @@ def executor(processes: int | None = None, ray: str | None = None, device: str =
     because jobs would share the GPU's memory. `ray` is the cluster's address, HOST:PORT.
 
     Raises:
-      InputError: a value is invalid, there is no such cluster, or Ray is not installed or cannot be
-        used with the device.
+      InputError: a value is invalid, there is no such cluster, or the device excludes Ray.
+      ImportError: Ray is not installed.
     """
     if processes is not None and (type(processes) is not int or processes < 1):
         raise InputError(f"processes must be a whole number of at least 1, got {processes!r:.60}")

@@ -10,19 +10,16 @@ import re
 import socket
 from collections.abc import Generator, Iterable, Sequence
 
-from ..errors import InputError, Interrupted, RunError, missing_extra
+import ray
+from ray.exceptions import RayError, RayTaskError
+from ray.util.queue import Queue
+from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+from ..errors import InputError, Interrupted, RunError
 from ..progress import JobProgress
 from ..storage import draft_name, remove_files, write_text
 from .jobs import Job, run_job, stopped_by
 from .local import prepare_process, stop_on_signals
-
-try:
-    import ray
-    from ray.exceptions import RayError, RayTaskError
-    from ray.util.queue import Queue
-    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
-except ImportError as error:
-    raise InputError(missing_extra(error)) from error
 
 # Other addresses make Ray start a cluster of its own, which every machine of the network can reach.
 _ADDRESS = re.compile(r"(?:ray://)?([\w.-]+|\[[\da-fA-F:.]+\]):(\d{1,5})")

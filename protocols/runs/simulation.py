@@ -74,7 +74,7 @@ def simulate(
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """
-    if log:  # raises InputError without the extra
+    if log:  # raises ModuleNotFoundError without the extra
         from .tensorboard_log import TensorBoardLog
     directory = resolved(directory)  # an agent may change the working directory
     # Before anything is written. A cluster's nodes are not checked.

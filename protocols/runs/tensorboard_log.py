@@ -8,18 +8,15 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-from ..errors import InputError, missing_extra
+from torch.utils.tensorboard import SummaryWriter
+
+from ..errors import InputError
 from ..storage import check_own_folder
 from ..terminal import notice
 from .conditions import Condition
 
 if TYPE_CHECKING:
     from .simulation import UnfinishedRun
-
-try:
-    from torch.utils.tensorboard import SummaryWriter
-except ModuleNotFoundError as error:
-    raise InputError(missing_extra(error)) from error
 
 
 class TensorBoardLog:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import musebot
-from musebot.protocols.errors import InputError, Interrupted
+from musebot.protocols.errors import Interrupted
 from musebot.protocols.runs.checkpoints import checkpoint_file, save_checkpoint
 from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import CohortKey, Condition
@@ -118,6 +118,7 @@ def test_without_the_extra_nothing_is_written(tmp_path, monkeypatch):
     for name in [name for name in sys.modules if "tensorboard" in name]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "tensorboard", None)
-    with pytest.raises(InputError, match=r"^tensorboard is not installed; pip install 'musebot\["):
+    words = r"^tensorboard is not installed; pip install 'musebot\["
+    with pytest.raises(ModuleNotFoundError, match=words):
         musebot.run(tmp_path / "out", tensorboard=True)
     assert not (tmp_path / "out").exists()
