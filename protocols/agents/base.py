@@ -139,16 +139,3 @@ class Wrapper(Agent):
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
         self.agent.load_weights(arrays)
-
-
-class Recorder(Wrapper):
-    """A wrapper that keeps the motor values of each step, shape (B, 2), in the list `motors`."""
-
-    def __init__(self, agent: Agent) -> None:
-        super().__init__(agent)
-        self.motors: list[np.ndarray] = []
-
-    def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
-        motors = self.agent.act(state, learning)
-        self.motors.append(motors.copy())
-        return motors

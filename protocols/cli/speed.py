@@ -118,7 +118,7 @@ def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Call
     function raises RunError if it ends in other states.
     """
     batch: Any = cohort.batch
-    recorder, model = cohort.recorded(), batch.model
+    recorded, model = cohort.recorded(), batch.model
     engine, data = rollout.Rollout(nthread=0), mujoco.MjData(model)  # in the calling thread
     models, state = [model] * batch.robots, batch.arrays()["state"].copy()
     parts = [substeps for substeps in (substeps_of(model) - 1, 1) if substeps]
@@ -126,12 +126,12 @@ def against_mujoco(cohort: Cohort, steps: int) -> tuple[Callable[[], None], Call
     found = [[np.zeros((batch.robots, n, width)) for width in widths] for n in parts]
 
     def live() -> None:
-        recorder.motors.clear()
+        recorded.clear()
         state[:] = batch.arrays()["state"]
         cohort.advance(steps)
 
     def replay() -> None:
-        for motors in recorder.motors:
+        for motors in recorded:
             control = motors[:, None].astype(float)
             for substeps, (after, sensed) in zip(parts, found, strict=True):
                 engine.rollout(

@@ -275,14 +275,14 @@ class Relived:
     def moments(self) -> Iterator[Moment]:
         """Simulates the life and yields the robot's moments; see `Episode.moments`."""
         batch, row = self.batch, self.robot % self.batch.robots
-        recorder, events, event = self.cohort.recorded(), 0, False
+        recorded, events, event = self.cohort.recorded(), 0, False
         first = self.cohort.step
         while not self.cohort.finished and self.cohort.valid[row]:
             self.cohort.enter()
             moment = Moment.of(batch, row, self.cohort.step - first, event, events)
-            recorder.motors.clear()
+            recorded.clear()
             self.cohort.advance(1)
-            yield (moment := dataclasses.replace(moment, motors=recorder.motors[0][row].copy()))
+            yield (moment := dataclasses.replace(moment, motors=recorded[0][row].copy()))
             event = bool(batch.rules.event(batch.sensordata)[row])
             events += event
         if self.cohort.valid[row]:

@@ -14,7 +14,7 @@ from ...controller.parameters import PROPOSERS
 from ...tasks.batch import Robots
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.lives import STAGES, Leg, Phase, control_steps, place
-from ..agents.base import Agent, Recorder, sound
+from ..agents.base import Agent, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
 from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
@@ -174,12 +174,20 @@ class Cohort:
                 self.agent.reset()
             self._entered = self.step
 
-    def recorded(self) -> Recorder:
-        """Records motor values from now on, without the compiled loop; returns the recorder."""
-        self._compiled = None
-        recorder = self.agent = Recorder(self.agent)
-        self.decide = functools.partial(decide, recorder, self.batch)
-        return recorder
+    def recorded(self) -> list[np.ndarray]:
+        """Returns a list to which every later step adds the motor values, shape (B, 2).
+
+        From now on, these steps are simulated without the compiled loop.
+        """
+        self._compiled, steps = None, []
+
+        def decide_and_record(learning: bool) -> np.ndarray:
+            motors = decide(self.agent, self.batch, learning)
+            steps.append(motors.copy())
+            return motors
+
+        self.decide = decide_and_record
+        return steps
 
     def count(self) -> None:
         """Counts a control step, and adds the events after it to the robots' counts."""
