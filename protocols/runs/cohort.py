@@ -95,11 +95,11 @@ def compiled_life(agent: Agent, batch: Robots) -> Callable[[int, bool, Any], boo
     # A subclass of the agent may act otherwise. A compiled brain shows that Numba is installed.
     if type(agent) is not NeurocontrollerAgent or type(agent.controller) is Neurocontroller:
         return None
-    from .compiled_life import CompiledLife, compilable
+    if type(batch) is not KinematicBatch:
+        return None
+    from .compiled_life import simulate
 
-    if type(batch) is KinematicBatch and compilable(batch):
-        return CompiledLife(agent.controller, batch)
-    return None
+    return functools.partial(simulate, agent.controller, batch)
 
 
 class Cohort:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ... import compiled_equations as equations
-from ...controller.compiled import CompiledNeurocontroller
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.spot_finding import SpotAmongWallsRules, SpotFindingRules
 from ...tasks.wall_avoidance import WallAvoidanceRules
@@ -17,31 +16,26 @@ _RULES = (WallAvoidanceRules, SpotFindingRules, SpotAmongWallsRules)
 _BLOCK = 500_000  # actions whose random numbers are drawn at once, so that these fit a cache
 
 
-class CompiledLife:
-    """Simulates control steps of brains and their robots in one compiled loop."""
+def simulate(
+    brain: Any, batch: KinematicBatch, steps: int, learning: bool, counts: np.ndarray
+) -> bool:
+    """Simulates control steps of brains, a `CompiledNeurocontroller`, and their B robots.
 
-    def __init__(self, brain: Any, batch: KinematicBatch) -> None:
-        """Takes a `CompiledNeurocontroller`, and robots that are `compilable`."""
-        self._brain: CompiledNeurocontroller = brain
-        self._batch = batch
-
-    def __call__(self, steps: int, learning: bool, counts: np.ndarray) -> bool:
-        """Simulates control steps; adds each robot's number of events to `counts`, shape (B,).
-
-        Returns False, and simulates nothing, where the loop cannot compute the robots' world.
-        """
-        if not compilable(self._batch):
-            return False
-        brain, (size, how, robots) = self._brain, self._batch.compiled_arguments()
-        world = size, how, *world_numbers(self._batch)
-        parts = brain.nets, brain.neurons, brain.now
-        block = 1 + _BLOCK // (len(counts) * brain.actions)
-        while steps:
-            begun = brain.begin_steps(min(steps, block), learning)
-            draws = brain.draw(begun, learning)
-            equations.simulate(world, robots, parts, draws, learning, counts)
-            steps -= begun
-        return True
+    Adds each robot's number of events to `counts`, shape (B,). Returns False, and simulates
+    nothing, where the loop cannot compute the robots' world.
+    """
+    if not compilable(batch):
+        return False
+    size, how, robots = batch.compiled_arguments()
+    world = size, how, *world_numbers(batch)
+    parts = brain.nets, brain.neurons, brain.now
+    block = 1 + _BLOCK // (len(counts) * brain.actions)
+    while steps:
+        begun = brain.begin_steps(min(steps, block), learning)
+        draws = brain.draw(begun, learning)
+        equations.simulate(world, robots, parts, draws, learning, counts)
+        steps -= begun
+    return True
 
 
 def compilable(batch: KinematicBatch) -> bool:
