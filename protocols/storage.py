@@ -225,9 +225,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
 
 
 def load_arrays(
-    path: Path,
-    check: Callable[[Shapes], None] | None = None,
-    wanted: Callable[[str], bool] | None = None,
+    path: Path, check: Callable[[Shapes], None] | None = None
 ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reads the arrays and the notes that `save_arrays` wrote.
 
@@ -235,7 +233,6 @@ def load_arrays(
       path: File that `save_arrays` wrote.
       check: Function that receives the dtype and shape of each array, by name, before any array
         is read. It raises ValueError to refuse the file.
-      wanted: Function that returns whether to keep the array of a name; None keeps all.
 
     Raises:
       FileNotFoundError: there is no such file.
@@ -247,10 +244,8 @@ def load_arrays(
 
     def each(file: Any) -> Iterator[tuple[str, np.ndarray]]:
         for name in sorted(file.keys()):
-            array = file.get_tensor(name)
-            if wanted is None or wanted(name):
-                arrays[name] = array
-            yield name, array
+            arrays[name] = file.get_tensor(name)
+            yield name, arrays[name]
 
     try:
         with safetensors.safe_open(path, framework="numpy") as file:

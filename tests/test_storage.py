@@ -77,9 +77,6 @@ def test_arrays_and_notes_survive_the_file(tmp_path_factory, written, notes):
     turned = {name: np.asarray(x, order="F") for name, x in reversed(written.items())}
     save_arrays(again, turned, **dict(reversed(notes.items())))
     assert again.read_bytes() == path.read_bytes()
-    assert load_arrays(path, wanted=lambda name: name < "m")[0].keys() == {
-        name for name in written if name < "m"
-    }
 
 
 def test_a_digest_depends_on_names_types_shapes_values_and_notes():

@@ -115,10 +115,12 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
             check_same_shapes(lives_shapes(experiment, condition, robots, own, kept), own)
 
     try:
-        arrays, notes = load_arrays(path, check, lambda name: networks or name.count("/") == 2)
+        arrays, notes = load_arrays(path, check)
     except FileNotFoundError as error:  # a link to nothing
         raise DamagedFileError(str(error)) from error
     check_identity(path, notes, dataclasses.asdict(experiment))
+    if not networks:
+        arrays = {name: array for name, array in arrays.items() if name.count("/") == 2}
     measured = {c: Lives.of(own) for c, own in sorted(_by_condition(arrays).items())}
     try:
         for condition, lives in measured.items():
