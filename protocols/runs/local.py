@@ -137,7 +137,8 @@ def handling(
         yield
     finally:
         for number, old in before:
-            signal.signal(number, old)
+            if old is not None:  # Python cannot install a handler again that another program set
+                signal.signal(number, old)
 
 
 def _heard(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
