@@ -4,8 +4,6 @@ It shares neither code nor method with MuJoCo: contacts are impulses of rigid bo
 projected onto the disk of Coulomb's law, and the loads of the wheels follow from statics.
 """
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

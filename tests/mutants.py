@@ -10,8 +10,6 @@ process that is forked from one that has imported the libraries, so that it cost
 tests. Not part of the suite.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import contextlib

@@ -9,8 +9,6 @@ energy of every robot; after each round, what the process holds. Prints JSON. No
 suite; a test at night runs it (test_night.py).
 """
 
-from __future__ import annotations
-
 import argparse
 import gc
 import json

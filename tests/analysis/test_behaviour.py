@@ -1,7 +1,5 @@
 """What robots do, measured from tracks made by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from musebot.protocols.analysis.behaviour import Track, spins, stay_of

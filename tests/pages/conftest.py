@@ -1,7 +1,5 @@
 """A small run, policies with random weights and a check for EGL, for the tests of playback."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Figures of populations: files of both kinds, whatever conditions there are."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

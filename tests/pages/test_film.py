@@ -1,7 +1,5 @@
 """Films: the file, the frames in it, and what is left of a film that fails."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import os

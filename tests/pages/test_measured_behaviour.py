@@ -1,7 +1,5 @@
 """Behaviour of a run's robots, measured from stored brains."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The panel of a film: every signal is visible, and everything is inside the frame."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

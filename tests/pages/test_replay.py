@@ -1,7 +1,5 @@
 """Stored brains and policies in robots: single episodes, and batches."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from unittest.mock import Mock

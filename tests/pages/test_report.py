@@ -1,7 +1,5 @@
 """The report: one page that needs no other file and fits the screen of a telephone."""
 
-from __future__ import annotations
-
 import dataclasses
 import html
 import json

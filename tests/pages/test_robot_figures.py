@@ -1,7 +1,5 @@
 """Figures of single robots: examples of every kind."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

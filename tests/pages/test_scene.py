@@ -1,7 +1,5 @@
 """The scene: everything in the arena and everything that the robot senses is visible."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Tables as text and as data say the same, with the names that commands take."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

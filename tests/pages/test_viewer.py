@@ -1,7 +1,5 @@
 """The window: what drives the robot in it, and why it cannot be opened."""
 
-from __future__ import annotations
-
 import dataclasses
 import sys
 import types
