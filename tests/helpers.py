@@ -37,6 +37,20 @@ def same(first, second):
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
 
 
+def random_policies(task, robots=2, seed=0):
+    """Returns policies of a task with random weights, which differ before and after training."""
+    from musebot.protocols.agents.ppo import Policies, policy_shapes
+    from musebot.protocols.agents.signals import senses_of
+
+    random = np.random.default_rng(seed)
+    shapes = policy_shapes(len(senses_of(task).state), robots)
+    arrays = {
+        name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
+        for name, (_, shape) in shapes.items()
+    }
+    return Policies(task, arrays)
+
+
 def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):
     """Returns a run of robots' rows, without networks and without events in its curves."""
     from musebot.protocols.runs.conditions import Condition

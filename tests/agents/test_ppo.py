@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import random_policies
 
 import musebot
 from musebot.protocols.agents import ppo
@@ -17,16 +18,6 @@ from musebot.tasks.suite import TASKS
 AGENT = "musebot.protocols.ppo:ppo"
 
 
-def newborn(task, robots, seed=0):
-    """Policies with weights drawn at random."""
-    random = np.random.default_rng(seed)
-    arrays = {
-        name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
-        for name, (_, shape) in ppo.policy_shapes(len(senses_of(task).state), robots).items()
-    }
-    return ppo.Policies(task, arrays)
-
-
 def file_of(task):
     return ppo.FOLDER / task / ppo.POLICIES_FILE
 
@@ -38,7 +29,7 @@ def folder(tmp_path, monkeypatch):
     for task in ppo.TRAINED_ON:
         path = file_of(task)
         path.parent.mkdir(parents=True)
-        save_arrays(path, newborn(task, 3).arrays, task=task, steps=1)
+        save_arrays(path, random_policies(task, 3).arrays, task=task, steps=1)
     return tmp_path
 
 
@@ -53,7 +44,7 @@ def test_policies_act_untrained_in_the_first_test_and_trained_from_then_on(folde
     second.restore(*first.checkpoint())
     second.advance(10**9)
     np.testing.assert_array_equal(whole.lives().minutes, second.lives().minutes)
-    policies = newborn(task + "_unit", 3)
+    policies = random_policies(task + "_unit", 3)
     for when, weights in (("before", whole.lives().before), ("after", whole.lives().after)):
         assert len(weights) == 6
         for name, array in weights.items():
@@ -117,15 +108,16 @@ def test_a_life_continues_only_with_the_policies_with_which_it_began(folder):
     arrays, notes = cohort.checkpoint()
     task = "wall_avoidance_unit"
     path = file_of(task)
-    save_arrays(path, newborn(task, 3, seed=1).arrays, task=task, steps=1)
+    others = random_policies(task, 3, seed=1).arrays
+    save_arrays(path, others, task=task, steps=1)
     with pytest.raises(ValueError, match="not those with which the life began"):
         Cohort(experiment, key).restore(arrays, notes)
-    np.testing.assert_equal(Policies.load(path, task).arrays, newborn(task, 3, seed=1).arrays)
+    np.testing.assert_equal(Policies.load(path, task).arrays, others)
 
 
 def test_a_file_without_policies_is_refused(tmp_path):
     path = tmp_path / "policies.safetensors"
-    arrays = newborn("spot_finding_unit", 1).arrays
+    arrays = random_policies("spot_finding_unit", 1).arrays
     for some, notes in (
         (arrays, {"task": "flying"}),
         ({"a": np.zeros(1)}, {"task": "wall_avoidance"}),
@@ -150,7 +142,7 @@ def test_a_policy_comes_with_musebot_for_every_task_of_the_suite_only(monkeypatc
 
 
 def test_a_policys_action_is_clipped_to_its_tasks_limit_and_scaled_to_a_motor_value():
-    arrays = newborn("wall_avoidance_unit", 2).arrays
+    arrays = random_policies("wall_avoidance_unit", 2).arrays
     state = np.random.default_rng(3).uniform(-1, 1, (2, 5)).astype(np.float32)
     for task, limit in (("wall_avoidance", 0.5), ("wall_avoidance_unit", 1)):
         signal = state[..., None].astype(float)

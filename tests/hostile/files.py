@@ -10,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
+from helpers import random_policies
 from hostile import mutations as change
 from hostile import oracle
 from hostile.mutations import one
 
 from musebot.protocols import exit_status
 from musebot.protocols.agents.names import recorded_name
-from musebot.protocols.agents.ppo import Policies, policy_shapes
+from musebot.protocols.agents.ppo import Policies
 from musebot.protocols.runs import checkpoints
 from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import CohortKey, Condition
@@ -47,12 +48,8 @@ def make(folder, seed, invented):
     cohort.advance(10**6)
     path = checkpoints.finished_file(folder, KEY)
     checkpoints.save_lives(path, cohort.lives(), short, KEY)
-    draw = np.random.default_rng(seed)
-    arrays = {
-        name: draw.normal(0, 0.3, shape).astype(np.float32)
-        for name, (_, shape) in policy_shapes(signals=5, policies=2).items()
-    }
-    save_arrays(folder / "policies.safetensors", arrays, task=TASK, seed=seed)
+    policies = random_policies(TASK, seed=seed)
+    save_arrays(folder / "policies.safetensors", policies.arrays, task=TASK, seed=seed)
 
 
 def _make_run(folder, experiment, robots, invented):

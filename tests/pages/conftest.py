@@ -1,4 +1,4 @@
-"""A small run, policies with random weights and a check for EGL, for the tests of playback."""
+"""A small run and a check of figures, for the tests of playback."""
 
 import dataclasses
 from collections.abc import Callable
@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from musebot.protocols.agents import ppo
 from musebot.protocols.pages import style
 from musebot.protocols.pages.replay import StoredRobot
 from musebot.protocols.runs.conditions import Condition
@@ -17,8 +16,6 @@ from musebot.protocols.runs.plan import Plan
 from musebot.protocols.runs.run import Run
 from musebot.protocols.runs.run_files import read_run
 from musebot.protocols.runs.simulation import simulate
-from musebot.protocols.storage import save_arrays
-from musebot.tasks.suite import TASKS
 
 CONDITIONS = (
     Condition("wall_avoidance", "fixed"),
@@ -67,33 +64,6 @@ def stored(run: Run) -> Callable[..., StoredRobot]:
         return dataclasses.replace(robot, **changes)
 
     return stored
-
-
-@pytest.fixture(scope="session")
-def newborn() -> Callable[[str], ppo.Policies]:
-    """Makes two policies of a task with random weights, which differ before and after training."""
-
-    def newborn(task: str) -> ppo.Policies:
-        random = np.random.default_rng(0)
-        sensors = sum(n for n, *_ in TASKS[task].rules.shapes.values())
-        shapes = ppo.policy_shapes(sensors, 2)
-        arrays = {
-            name: random.normal(size=shape).astype("f4") for name, (_, shape) in shapes.items()
-        }
-        return ppo.Policies(task, arrays)
-
-    return newborn
-
-
-@pytest.fixture(scope="session")
-def policy_file(newborn: Callable[[str], ppo.Policies]) -> Callable[[str, Path], Path]:
-    """Writes policies of a task into a file."""
-
-    def policy_file(task: str, path: Path) -> Path:
-        save_arrays(path, newborn(task).arrays, task=task)
-        return path
-
-    return policy_file
 
 
 @pytest.fixture

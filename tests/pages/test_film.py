@@ -15,6 +15,7 @@ from unittest.mock import Mock
 import imageio.v2 as imageio
 import numpy as np
 import pytest
+from helpers import random_policies
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
@@ -24,7 +25,7 @@ from musebot.protocols.pages.replay import Episode, Moment
 from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.manifest import MANIFEST, read_manifest, write_manifest
 from musebot.protocols.runs.run_files import read_measured, write_results
-from musebot.protocols.storage import draft_name, read_json, write_json
+from musebot.protocols.storage import draft_name, read_json, save_arrays, write_json
 from musebot.tasks import make_batch
 
 
@@ -221,9 +222,10 @@ def test_a_film_keeps_no_more_moments_than_a_trail_draws():
 
 
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
-    policy_file, directory, tmp_path, capsys
+    directory, tmp_path, capsys
 ):
-    policy_file("spot_finding_walls", tmp_path / "p.safetensors")
+    walkers = random_policies("spot_finding_walls").arrays
+    save_arrays(tmp_path / "p.safetensors", walkers, task="spot_finding_walls")
     (tmp_path / "text.csv").write_text("text")
     output = ["--output", str(tmp_path / "film.mp4")]
     walls, spot = "--task spot_finding_walls", "--task spot_finding"

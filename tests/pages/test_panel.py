@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import random_policies
 from PIL import ImageDraw
 
 from musebot.protocols.pages import scene
@@ -34,8 +35,8 @@ def drawn(monkeypatch):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, newborn, drawn):
-    episode = Episode.of_policy(newborn(task), 0, "post", 0)
+def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, drawn):
+    episode = Episode.of_policy(random_policies(task), 0, "post", 0)
     shot, panel = next(episode.moments()), Panel(episode, speed=1, seconds=1)
     before = panel.frame(IMAGE, shot)
     assert before.shape == (HEIGHT, WIDTH, 3)
@@ -54,9 +55,9 @@ def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, ne
     assert coloured[:38].all() and coloured[104:190].all() and not coloured[44:96].any()
 
 
-def test_the_panel_writes_each_number_beside_its_name(newborn, drawn):
+def test_the_panel_writes_each_number_beside_its_name(drawn):
     distances = np.array([0.11, 0.22, 0.33, 0.44])
-    episode = Episode.of_policy(newborn("wall_avoidance"), 0, "pre", 0)
+    episode = Episode.of_policy(random_policies("wall_avoidance"), 0, "pre", 0)
     shot = next(episode.moments())
     shot = dataclasses.replace(
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),

@@ -6,6 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from helpers import random_policies
 
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
@@ -33,9 +34,9 @@ from musebot.tasks.world import World
 @pytest.mark.parametrize(
     ("task", "phase"), list(zip(TASKS, itertools.cycle(["pre", "post"]), strict=False))
 )
-def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(newborn, task, phase):
+def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(task, phase):
     gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
-    policies = newborn(task)
+    policies = random_policies(task)
     steps = 2 * (TASKS[task].spot_steps or 15) + 5
     episode = Episode.of_policy(policies, 1, phase, seed=3)
     moments = list(itertools.islice(episode.moments(), steps))
@@ -54,13 +55,13 @@ def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(newborn, ta
     assert episode.when == ("after training" if phase == "post" else "before training")
 
 
-def test_episode_lasts_as_long_as_that_of_the_task_or_as_its_simulation_is_stable(newborn):
-    episode = Episode.of_policy(newborn("spot_finding_unit"), 0, "post", 0)
+def test_episode_lasts_as_long_as_that_of_the_task_or_as_its_simulation_is_stable():
+    episode = Episode.of_policy(random_policies("spot_finding_unit"), 0, "post", 0)
     times = [moment.time for moment in episode.moments()]
     np.testing.assert_allclose(times, 0.1 * np.arange(1001))
     episode.batch.stop(np.array([0]))
     assert len([*episode.moments()]) == 1
-    assert Episode.of_policy(newborn("spot_finding"), 0, "post", 0).seconds == float("inf")
+    assert Episode.of_policy(random_policies("spot_finding"), 0, "post", 0).seconds == float("inf")
 
 
 def test_the_time_with_the_event_adds_up():

@@ -7,6 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from helpers import random_policies
 
 from musebot import tasks
 from musebot.protocols.errors import InputError
@@ -93,11 +94,11 @@ def window(monkeypatch):
 
 
 @pytest.mark.parametrize("task", TASKS)
-def test_every_task_receives_actions_in_its_own_units(window, newborn, task):
+def test_every_task_receives_actions_in_its_own_units(window, task):
     viewer.explore(task)
-    viewer.explore(task, viewer.Driver.of_policy(newborn(task), 1, "post"))
+    viewer.explore(task, viewer.Driver.of_policy(random_policies(task), 1, "post"))
     viewer.explore(task, viewer.Driver("arrow keys", viewer.ArrowKeys()))
-    policy = viewer.Driver.of_policy(newborn("spot_finding_walls"), 1, "post").policy
+    policy = viewer.Driver.of_policy(random_policies("spot_finding_walls"), 1, "post").policy
     viewer.explore(task, viewer.Driver("walls", policy, task="spot_finding_walls"))
     by_chance, by_policy, by_keys, other = window.opened
     assert other.title == "Musebot: spot_finding_walls, walls"  # of the task that was learned
