@@ -147,10 +147,6 @@ def test_python_without_an_extra_says_how_to_get_it(tmp_path):
 
 # Commands without torch: their status, and what they print.
 COMMANDS = {
-    "": ({0}, "musebot VERB"),
-    "--version": ({0}, "musebot "),
-    "run --help": ({0}, "--robots N"),
-    "list": ({0}, "wall_avoidance"),
     "doctor": ({0, 1}, r"^Python +ok .*\nmujoco +ok "),
     "run out": ({2}, r"^musebot: \w+ is not installed; pip install 'musebot\[brain\]' gets it\n$"),
 }

@@ -54,8 +54,6 @@ def test_parts_have_dotted_names_and_parts_that_are_not_set_stay():
     wanted = dataclasses.replace(BRAINS["steady"], epsilon=0.1, fixed_motors=(0.0, 0.5))
     assert found.brain == wanted
     assert found.kinematics == Kinematics(lag=0.08)
-    agent = planned(agent=("dqn",), set=("agent.discount=0.9", "signals=raw")).experiment
-    assert (agent.settings, agent.signals) == (("discount=0.9",), "raw")
 
 
 def test_a_reading_sets_its_fields_and_other_words_come_first():
@@ -113,7 +111,6 @@ def test_the_same_agent_under_two_names_is_planned_once_only():
     ("words", "sentence"),
     [
         (["--life", "dancing"], "there is no life 'dancing'"),
-        (["--life", "body@13"], "there is no life 'body@13'"),
         (["--task", "spot_finding_walls"], "there is no option --task; did you mean --life?"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
@@ -228,10 +225,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
         ('"swap"', '"swap@2"', "a name with @ is that of a newborn's life, got 'swap@2'"),
         ('"spot_finding"', '"spot_findin"', "task must be one of ['spot_finding', "),
         ('"spot_finding"', '"wall_avoidance"', "the robot of WallAvoidanceRules has no "),
-        ('"spot_finding"', '"spot_finding_two_noses"', "the robot of TwoNosesRules has no "),
-        ("nose = 90", 'rewarded = "driving"', "SpotFindingRules cannot reward driving"),
         ("nose = 90", "nose = 361", "nose must be a number in [-360, 360] degrees, got 361"),
-        ("minutes = 300", "minutes = -1", "minutes must be a number in [0, 1e+06] minutes"),
         ("minutes = 300", "minute = 300", "a phase has the fields stage, minutes, "),
         ('spot = "random"', "robot = [5, 5, 0]", "robot must be inside the arena"),
         ("[[phases]]", "[[phases", "own.toml: "),

@@ -260,8 +260,6 @@ def test_half_the_motor_speed_is_half_the_speed_with_the_same_torque():
         return 0.5 * model.actuator_gainprm[0, 0] * model.actuator_gear[0, 0]
 
     assert stall(slow) == pytest.approx(stall(ours))
-    with pytest.raises(ValueError, match=r"motor_speed must be a number in \(0, 10\] m/s, got 0"):
-        arena_spec(motor_speed=0)
 
 
 def test_the_speed_of_wheels_whose_joints_have_other_names_can_be_set(tmp_path):

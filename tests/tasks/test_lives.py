@@ -182,8 +182,6 @@ IN_A_PHASE = {
     r"robot must be finite real numbers of shape \(3,\)": {"robot": [0, 0]},
     r"spot must be finite real numbers of shape \(2,\), got 'middle'": {"spot": "middle"},
     "a world has the fields wheels, nose, .*, got 'wheel'": {"world": {"wheel": 1}},
-    "wheels must be 4 numbers": {"world": {"wheels": [1, 0, 0]}},
-    "sensors must be a list of .*different names": {"world": {"sensors": [["nose", 0, 0]] * 2}},
     "rewarded must be 'task' or 'driving', got": {"world": {"rewarded": "sleep"}},
 }
 WRONG = {
