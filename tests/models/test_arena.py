@@ -13,6 +13,7 @@ from musebot.models import (
     ARENA_XML,
     ROBOT_XML,
     Dimensions,
+    add_obstacles,
     arena_spec,
     check_versions,
     robot_pose,
@@ -84,6 +85,17 @@ def test_wheels_stay_within_the_outline(model, size):
     corner = np.hypot(radius, size.wheel_base / 2 + half_width)
     assert corner < size.radius
     assert corner > size.radius - 0.001  # as far apart as possible
+
+
+def test_obstacles_do_not_touch_the_wheels():
+    spec = arena_spec()
+    add_obstacles(spec)
+    model = spec.compile()
+    wheel = model.geom("left_wheel")
+    for number in (1, 2, 3):
+        core = model.geom(f"obstacle_{number}_core")
+        assert not core.contype[0] & wheel.conaffinity[0]
+        assert not wheel.contype[0] & core.conaffinity[0]
 
 
 def test_straight_speed_is_within_one_percent_of_the_commanded(size):
