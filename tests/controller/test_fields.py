@@ -23,6 +23,8 @@ from musebot.fields import (
     text,
     whole,
 )
+from musebot.models import Kinematics
+from musebot.tasks.sensors import Nose
 
 FIELDS = {field.name: field for field in dataclasses.fields(Parameters)}
 
@@ -92,13 +94,13 @@ STRANGE = [
 ]
 
 
-@pytest.mark.parametrize("cls", [Parameters, Sample])
+@pytest.mark.parametrize("cls", [Parameters, Sample, Nose, Kinematics])
 def test_a_field_accepts_exactly_the_values_that_its_words_describe(cls):
     for field in dataclasses.fields(cls):
         if "allowed" not in field.metadata:
             continue
         name, words = field.name, described(field)
-        values = [*STRANGE, *near(words), *[(x,) for x in near(words)]]
+        values = [field.default, *STRANGE, *near(words), *[(x,) for x in near(words)]]
         accepted = 0
         for value in values:
             if allows(words, value):
