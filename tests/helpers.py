@@ -3,9 +3,16 @@
 import numpy as np
 
 
-def files_below(folder):
-    """Returns the content of all files below a folder, by their paths within it."""
-    return {p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+def files_below(folder, folders=False):
+    """Returns the content of all files below a folder, by their paths within it.
+
+    With `folders`, the folders below it are listed, too, with None as content.
+    """
+    return {
+        path.relative_to(folder): path.read_bytes() if path.is_file() else None
+        for path in folder.rglob("*")
+        if folders or path.is_file()
+    }
 
 
 def snapshot(tensors):

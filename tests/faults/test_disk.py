@@ -13,6 +13,7 @@ import re
 import shutil
 
 import pytest
+from helpers import files_below
 from matplotlib.figure import Figure
 
 from musebot.protocols.cli import parser as cli
@@ -159,7 +160,7 @@ class Sweep:
         out = self._fresh()
         whole, status, self._said = self._done(out)
         assert status == 0, self._said
-        self.calls, self._whole = whole.calls, files(out)
+        self.calls, self._whole = whole.calls, files_below(out, folders=True)
 
     def _fresh(self):
         out = self._folder / "out"  # always the same: a report has the name of its folder
@@ -191,7 +192,8 @@ class Sweep:
         assert disk.left is not None, f"{where}: nothing failed"
         self.ends["killed" if status is None else f"status {status}"] += 1
         if status == 0:  # no harm; an empty folder may have stayed, which the next call removes
-            assert without_folders(files(out)) == without_folders(self._whole), where
+            whole = {path: content for path, content in self._whole.items() if content is not None}
+            assert files_below(out) == whole, where
             assert printed == self._said.out, where
         elif status is not None:
             sentences = re.findall("^musebot: .*", said, re.MULTILINE)
@@ -208,20 +210,8 @@ class Sweep:
             self._done(out, *again)
         _, status, (printed, said) = self._done(out)
         assert status == 0, f"after {where}: {said}"
-        assert files(out) == self._whole, f"after {where}"
+        assert files_below(out, folders=True) == self._whole, f"after {where}"
         assert printed == self._said.out, f"after {where}"
-
-
-def files(folder):
-    """Returns the content of every file below a folder, and the names of empty folders."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None
-        for path in folder.rglob("*")
-    }
-
-
-def without_folders(found):
-    return {name: content for name, content in found.items() if content is not None}
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 
 import pytest
+from helpers import files_below
 
 from musebot.protocols.runs import jobs
 from musebot.protocols.runs.conditions import Condition
@@ -126,14 +127,13 @@ def words(line, out):
 
 
 def files(folder):
-    """Returns the content of every file below a folder, and the names of empty folders.
+    """Returns what `files_below` returns, with folders.
 
     JSON is compared without the list of versions: it has the state of the code as well.
     """
-    found = {str(path.relative_to(folder)): path for path in folder.rglob("*")}
-    contents = {name: p.read_bytes() if p.is_file() else None for name, p in found.items()}
-    for name in [name for name in contents if name.endswith(".json")]:
-        contents[name] = json.loads(contents[name]) | {"made_with": None, "digest": None}
+    contents = files_below(folder, folders=True)
+    for path in [path for path in contents if path.suffix == ".json"]:
+        contents[path] = json.loads(contents[path]) | {"made_with": None, "digest": None}
     return contents
 
 

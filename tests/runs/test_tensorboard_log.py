@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 import pytest
+from helpers import files_below
 
 import musebot
 from musebot.protocols.errors import Interrupted
@@ -40,9 +41,9 @@ def check_log(folder, run, robots=2):
 
 def files(folder):
     return {
-        path.relative_to(folder): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file() and "tensorboard" not in path.parts and path.name != "experiment.json"
+        path: content
+        for path, content in files_below(folder).items()
+        if "tensorboard" not in path.parts and path.name != "experiment.json"
     }
 
 
