@@ -270,19 +270,6 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
     assert small_cohort().valid.tolist() == [True, True, False]
 
 
-# Walls
-
-
-@pytest.mark.parametrize("body", BODIES)
-def test_robots_in_spot_finding_walls_sense_walls_and_their_brains_have_the_inputs(body):
-    experiment = Experiment(cohort_size=2, body=body)
-    cohort = Cohort(experiment, CohortKey(Condition("spot_finding_walls", "fixed"), 0))
-    cohort.batch.place(np.arange(2), np.array([[0.4, 0, 0], [-0.4, 0.1, 1]]))
-    state = cohort.batch.rules.state(cohort.batch.sensordata)
-    assert state.shape == (2, 6) and (state[:, 1:5] > 0).any(axis=1).all()
-    assert cohort.decide(False).shape == (2, 2)
-
-
 # Lives that change
 
 
