@@ -6,8 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, Kinematics, arena_spec
-from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks import make_batch, make_kinematic_batch
 
@@ -113,12 +111,3 @@ def test_a_lag_of_0_08_s_is_that_of_the_mujoco_body():
             batch.step(np.full((1, 2), 0.5))
         lost.append(seconds - (batch.pose[0, 0] + 0.4) / SIZE.motor_speed)
     assert lost[0] == pytest.approx(lost[1], abs=0.01)  # seconds of driving at full speed
-
-
-def test_equal_seeds_give_equal_brains_in_both_simulators():
-    key = CohortKey(Condition("spot_finding", "creative"), 0)
-    real, kinematic = (
-        Cohort(Experiment(cohort_size=2, body=body), key) for body in ("mujoco", "kinematic")
-    )
-    for name, weights in real.agent.weights().items():
-        assert np.array_equal(weights, kinematic.agent.weights()[name])
