@@ -159,6 +159,13 @@ LIVES += [(name, "creative", WALLS) for name in ALL if not name.startswith("stea
 LIVES += [(name, other, SENSES) for name in ("paper", "steady") for other in ("fixed", "random")]
 
 
+@pytest.fixture
+def double_precision():
+    torch.set_default_dtype(torch.float64)
+    yield
+    torch.set_default_dtype(torch.float32)
+
+
 @pytest.mark.usefixtures("double_precision")
 @pytest.mark.parametrize(("name", "proposer", "senses"), LIVES)
 def test_every_brain_learns_step_by_step_by_the_equations(name, proposer, senses):

@@ -9,13 +9,6 @@ from musebot.controller import Signal
 from musebot.controller.senses import Encoding, unsaturated
 
 NOSE = Signal(0.0, 1.0, 10.0)
-WALLS = (*[Signal(0.0, 1.0)] * 4, Signal(-1.0, 0.0))
-
-
-def test_the_paper_encodes_signals_and_motors_as_they_are():
-    encoding, state = Encoding((NOSE, *WALLS)), torch.rand(4, 6)
-    assert encoding.inputs == 6
-    assert encoding.state(state) is state and encoding.motors(state) is state
 
 
 @pytest.mark.parametrize(
