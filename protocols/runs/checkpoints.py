@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...tasks.batch import Robots
 from ...tasks.lives import control_steps
 from ..errors import DamagedFileError
 from ..storage import Shapes, load_arrays, save_arrays
 from .cohort import Cohort
 from .conditions import CohortKey
-from .device import robots_on_device
 from .experiment import Experiment
 from .manifest import UNREADABLE, check_identity
 from .run import Lives, check_lives, check_same_shapes, lives_shapes
@@ -39,16 +36,12 @@ def save_checkpoint(path: Path, cohort: Cohort) -> None:
     save_arrays(path, arrays, **_identity(cohort.experiment, cohort.key), **notes)
 
 
-def restored_cohort(
-    path: Path, experiment: Experiment, key: CohortKey, batch: Robots | None = None
-) -> tuple[Cohort, str]:
+def restored_cohort(path: Path, experiment: Experiment, key: CohortKey) -> tuple[Cohort, str]:
     """Returns a cohort, restored from its checkpoint or new, and a message.
 
-    The message reports a damaged checkpoint; otherwise it is empty. `batch` holds the cohort's
-    robots, which have not moved yet; None makes new ones.
+    The message reports a damaged checkpoint; otherwise it is empty.
     """
-    unmoved = {} if batch is None else batch.get_state()
-    cohort = Cohort(experiment, key, batch)
+    cohort = Cohort(experiment, key)
     try:
         arrays, notes = load_arrays(path, cohort.check_shapes)
         check_identity(path, notes, _identity(experiment, key))
@@ -60,27 +53,7 @@ def restored_cohort(
         damage = str(error)
     except UNREADABLE as error:
         damage = f"{path} is damaged ({error!r:.200})"
-    if batch is not None:
-        batch.set_state(unmoved)
-    return Cohort(experiment, key, batch), set_aside(path, key, damage)
-
-
-def restored_cohorts(
-    directory: Path, experiment: Experiment, keys: Sequence[CohortKey]
-) -> tuple[list[Cohort], str]:
-    """Returns restored or new cohorts of one task, and a message about damaged checkpoints.
-
-    Several cohorts share one batch of robots, which must be on tensors (`Experiment.on_tensors`).
-    """
-    if len(keys) == 1:
-        cohort, message = restored_cohort(checkpoint_file(directory, keys[0]), experiment, keys[0])
-        return [cohort], message
-    batches = robots_on_device(experiment, keys[0].condition.task, len(keys))
-    found = [
-        restored_cohort(checkpoint_file(directory, key), experiment, key, batch)
-        for key, batch in zip(keys, batches, strict=True)
-    ]
-    return [cohort for cohort, _ in found], "; ".join(message for _, message in found if message)
+    return Cohort(experiment, key), set_aside(path, key, damage)
 
 
 def read_minutes(directory: Path, experiment: Experiment, key: CohortKey) -> np.ndarray:

@@ -18,11 +18,11 @@ from ..storage import remove_files
 from .checkpoints import (
     checkpoint_file,
     finished_file,
-    restored_cohorts,
+    restored_cohort,
     save_checkpoint,
     save_lives,
 )
-from .cohort import Cohort, advance_together
+from .cohort import Cohort
 from .conditions import CohortKey
 from .device import HOST
 from .experiment import Experiment
@@ -109,96 +109,73 @@ def stopped_by(error: Exception) -> RunError:
 
 @dataclasses.dataclass(frozen=True)
 class CohortJob:
-    """Simulates a cohort, or several, from the last checkpoint to the end of their lives.
+    """Simulates a cohort from its last checkpoint to the end of its life.
 
     Attributes:
       directory: Folder of the run, an absolute path.
       experiment: Seed, cohort size, body, brain and other fields that decide the lives.
-      keys: Condition and number of each cohort; several must be of one task, and share one batch.
+      key: Condition and number of the cohort.
       save_every: Wall-clock seconds between two checkpoints.
     """
 
     directory: Path
     experiment: Experiment
-    keys: tuple[CohortKey, ...]
+    key: CohortKey
     save_every: float
 
     def __str__(self) -> str:
-        return " with ".join(map(self._name, self.keys))
+        return f"{self.directory.name}/{self.key}"
 
     @property
     def path(self) -> Path:
-        return finished_file(self.directory, self.keys[0])
+        return finished_file(self.directory, self.key)
 
     @property
     def cost(self) -> float:
-        task = self.keys[0].condition.task
-        steps = len(self.keys) * sum(self.experiment.life_of(task).steps())
+        steps = sum(self.experiment.life_of(self.key.condition.task).steps())
         return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:
-        return all(finished_file(self.directory, key).exists() for key in self.keys)
+        return self.path.exists()
 
     def run(self, stop: Stop, report: Report) -> bool:
-        for key in self.keys:
-            trust(key.condition.proposer)  # checked by `UnfinishedRun.read`
-        cohorts, message = restored_cohorts(self.directory, self.experiment, self.keys)
-        report(self._seconds(cohorts), message)
+        trust(self.key.condition.proposer)  # checked by `UnfinishedRun.read`
+        seconds = self.experiment.robot_seconds
+        checkpoint = checkpoint_file(self.directory, self.key)
+        cohort, message = restored_cohort(checkpoint, self.experiment, self.key)
+        report(seconds(cohort.step), message)
         reported = saved = time.monotonic()
-        while not all(cohort.finished for cohort in cohorts):
+        while not cohort.finished:
             if stop():
-                self._save(cohorts)
+                save_checkpoint(checkpoint, cohort)
                 return False
-            self._advance(cohorts)
-            for cohort in cohorts:
-                for cause, robots in cohort.newly_stopped().items():
-                    where = f"{self._name(cohort.key)}: robots {robots}"
-                    sentence = f"{cause} in {where} stopped by step {cohort.step}"
-                    report(self._seconds(cohorts), sentence)
+            self._advance(cohort)
+            for cause, robots in cohort.newly_stopped().items():
+                sentence = f"{cause} in {self}: robots {robots} stopped by step {cohort.step}"
+                report(seconds(cohort.step), sentence)
             if (now := time.monotonic()) - reported > _REPORT_EVERY:
-                report(self._seconds(cohorts), "")
+                report(seconds(cohort.step), "")
                 reported = now
             if now - saved > self.save_every:
-                self._save(cohorts)
+                save_checkpoint(checkpoint, cohort)
                 saved = now
-        self._finish(cohorts)
-        report(self._seconds(cohorts), "")
+        save_lives(self.path, cohort.lives(), self.experiment, self.key)
+        remove_files(self.path.parent, checkpoint.name.__eq__)
+        report(seconds(cohort.step), "")
         return True
 
-    def _advance(self, cohorts: Sequence[Cohort]) -> None:
+    def _advance(self, cohort: Cohort) -> None:
         """Simulates up to the next check of the clock: `_CHUNK` steps, on a GPU a simulated minute.
 
         Raises:
           InputError, RunError: an agent failed, or MuJoCo Warp has no room for a robot's contacts.
         """
         try:
-            on_host = self.experiment.device == HOST
-            advance_together(cohorts, _CHUNK if on_host else control_steps(1))
+            cohort.advance(_CHUNK if self.experiment.device == HOST else control_steps(1))
         except (InputError, RunError) as error:  # of an agent
-            step = min(cohort.step for cohort in cohorts)
-            raise type(error)(f"{error}, in {self} at step {step}") from error
+            raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
         except CapacityError as error:
-            number, robot = divmod(error.robots[0], self.experiment.cohort_size)
-            where = self._name(self.keys[number])
-            raise RunError(f"{error}; in {where} this is robot {robot}") from error
-
-    def _save(self, cohorts: Sequence[Cohort]) -> None:
-        for cohort in cohorts:
-            save_checkpoint(checkpoint_file(self.directory, cohort.key), cohort)
-
-    def _finish(self, cohorts: Sequence[Cohort]) -> None:
-        """Writes the results, with the file `path` as the last one; removes the checkpoints."""
-        for cohort in reversed(cohorts):
-            path = finished_file(self.directory, cohort.key)
-            save_lives(path, cohort.lives(), self.experiment, cohort.key)
-        checkpoints = {checkpoint_file(self.directory, key).name for key in self.keys}
-        remove_files(self.path.parent, checkpoints.__contains__)
-
-    def _name(self, key: CohortKey) -> str:
-        return f"{self.directory.name}/{key}"
-
-    def _seconds(self, cohorts: Sequence[Cohort]) -> float:
-        return self.experiment.robot_seconds(sum(cohort.step for cohort in cohorts))
+            raise RunError(f"{error}, in {self} at step {cohort.step}") from error
 
 
 def execute(
@@ -225,7 +202,7 @@ def execute(
     """
     if not jobs:
         return
-    robots = [len(j.keys) * j.experiment.cohort_size for j in jobs if isinstance(j, CohortJob)]
+    robots = [job.experiment.cohort_size for job in jobs if isinstance(job, CohortJob)]
     robots = robots if len(robots) == len(jobs) else []
     costs = [job.cost for job in jobs]
     with (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import math
 from collections.abc import Iterable, Mapping
@@ -133,15 +132,8 @@ def cohort_bytes(experiment: Experiment, condition: Condition) -> int:
 
 
 def job_bytes(plan: Plan) -> int:
-    """Returns about how many bytes the largest job of a plan needs.
-
-    On tensors, a job has one cohort of each condition of a task.
-    """
-    jobs: collections.Counter[str] = collections.Counter()
-    for condition in plan.robots:
-        job = condition.task if plan.experiment.on_tensors else str(condition)
-        jobs[job] += cohort_bytes(plan.experiment, condition)
-    return max(jobs.values())
+    """Returns about how many bytes the largest job of a plan needs: that of its largest cohort."""
+    return max(cohort_bytes(plan.experiment, condition) for condition in plan.robots)
 
 
 def results_bytes(plan: Plan) -> int:

@@ -291,24 +291,14 @@ class UnfinishedRun:
         return messages
 
     def jobs(self, save_every: float) -> list[CohortJob]:
-        """Returns the jobs of the cohorts that are left.
-
-        On tensors, cohorts of one task with the same number share a job; their proposers differ.
-        """
-        experiment, groups = self.plan.experiment, {}
-        for key in self.left:
-            same = (key.condition.task, key.index) if experiment.on_tensors else key
-            groups.setdefault(same, []).append(key)
-        return [
-            CohortJob(self.directory, experiment, tuple(keys), save_every)
-            for keys in groups.values()
-        ]
+        """Returns the jobs of the cohorts that are left, one each."""
+        experiment = self.plan.experiment
+        return [CohortJob(self.directory, experiment, key, save_every) for key in self.left]
 
     def finished(self, job: Job) -> None:
-        """Reads a job's finished cohorts; after the last cohort, writes the results of all."""
+        """Reads a job's finished cohort; after the last cohort, writes the results of all."""
         assert isinstance(job, CohortJob)
-        for key in job.keys:
-            self._add(key, read_lives(finished_file(self.directory, key), job.experiment, key))
+        self._add(job.key, read_lives(job.path, job.experiment, job.key))
 
     def _add(self, key: CohortKey, lives: Lives) -> None:
         """Adds a finished cohort.

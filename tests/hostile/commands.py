@@ -122,8 +122,8 @@ class Trial:
     def __call__(self, jobs, progress):
         job = jobs[0]
         if isinstance(job, CohortJob):
-            if cohort_bytes(job.experiment, job.keys[0].condition) < 2**26:
-                cohort = Cohort(job.experiment, job.keys[0])
+            if cohort_bytes(job.experiment, job.key.condition) < 2**26:
+                cohort = Cohort(job.experiment, job.key)
                 cohort.advance(2)
                 for weights in cohort.agent.weights().values():
                     assert np.isfinite(weights).all(), "weights that are not finite"

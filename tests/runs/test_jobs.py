@@ -13,19 +13,20 @@ from musebot.protocols.compare.jobs import ArrayJob, simulate_cohort
 from musebot.protocols.errors import RunError
 from musebot.protocols.runs import jobs
 from musebot.protocols.runs.checkpoints import read_lives
+from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.jobs import CohortJob, execute, run_job
 from musebot.tasks.batch import CapacityError
 
 SHORT = Experiment(cohort_size=2, time_scale=0.0005, body="kinematic")
-KEYS = tuple(CohortKey(Condition("wall_avoidance", p), 0) for p in ("fixed", "creative"))
+FIXED, CREATIVE = (CohortKey(Condition("wall_avoidance", p), 0) for p in ("fixed", "creative"))
 LEARNER = Condition("spot_finding", "musebot:sarsa_lambda")
 
 
-def cohort_job(folder, keys=KEYS[:1], save_every=60.0, experiment=SHORT):
+def cohort_job(folder, key=FIXED, save_every=60.0, experiment=SHORT):
     (folder / "checkpoints").mkdir(parents=True, exist_ok=True)
-    return CohortJob(folder, experiment, keys, save_every)
+    return CohortJob(folder, experiment, key, save_every)
 
 
 def evaluation(folder):
@@ -38,8 +39,8 @@ def evaluation(folder):
 def of(proposer, task="wall_avoidance", body="kinematic", **changes):
     """Returns a function that makes the job of a cohort in a folder."""
     experiment = Experiment(cohort_size=2, time_scale=0.0005, body=body, **changes)
-    keys = (CohortKey(Condition(task, proposer), 1),)
-    return lambda folder: cohort_job(folder, keys, experiment=experiment)
+    key = CohortKey(Condition(task, proposer), 1)
+    return lambda folder: cohort_job(folder, key, experiment=experiment)
 
 
 JOBS = {
@@ -49,8 +50,8 @@ JOBS = {
     "noise held": of("creative", brain=Parameters(noise_steps=7)),
     "noise for life": of("creative", brain=Parameters(noise_steps=0)),
     "of a learner": of(LEARNER.proposer, LEARNER.task),
-    "together": lambda folder: cohort_job(folder, KEYS),
-    "saved often": lambda folder: cohort_job(folder, KEYS[1:], save_every=0.0),
+    "on tensors": of("creative"),
+    "saved often": lambda folder: cohort_job(folder, CREATIVE, save_every=0.0),
     "of a study": evaluation,
 }
 
@@ -60,7 +61,7 @@ def make(request, monkeypatch):
     """Makes a job of one kind in a folder."""
     monkeypatch.setattr(jobs, "_CHUNK", 7)
     monkeypatch.setattr(NoisePatterns, "LIFETIME", 40)  # less than a life
-    if request.param == "together":
+    if request.param == "on tensors":
         monkeypatch.setattr(Experiment, "on_tensors", True)
     return JOBS[request.param]
 
@@ -82,8 +83,8 @@ def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
     assert done and whole.done() and not messages
     assert amounts[0] == 0 and amounts[-1] == pytest.approx(whole.cost)
     if isinstance(whole, CohortJob):  # simulated seconds of robots, 160 or 360 minutes times 0.0005
-        seconds = 4.8 if whole.keys[0].condition.task == "wall_avoidance" else 10.8
-        assert whole.cost == pytest.approx(2 * len(whole.keys) * seconds)
+        seconds = 4.8 if whole.key.condition.task == "wall_avoidance" else 10.8
+        assert whole.cost == pytest.approx(2 * seconds)
     assert amounts == sorted(amounts)
     names = {path.name for path in files_below(tmp_path / "whole")}
     assert all(".finished" in name or name == whole.path.name for name in names)
@@ -124,16 +125,16 @@ def test_the_time_between_two_checkpoints_is_counted_from_the_last_one(tmp_path,
 
 @pytest.fixture
 def disturbed(monkeypatch):
-    """Lets a function treat the cohorts of jobs after each stretch that they simulate."""
+    """Lets a function treat a job's cohort after each stretch that it simulates."""
 
     def disturb(function):
-        advance = jobs.advance_together
+        advance = Cohort.advance
 
-        def advance_disturbed(cohorts, steps):
-            advance(cohorts, steps)
-            function(cohorts[0])
+        def advance_disturbed(cohort, steps):
+            advance(cohort, steps)
+            function(cohort)
 
-        monkeypatch.setattr(jobs, "advance_together", advance_disturbed)
+        monkeypatch.setattr(Cohort, "advance", advance_disturbed)
 
     monkeypatch.setattr(jobs, "_CHUNK", 20)
     return disturb
@@ -152,37 +153,32 @@ def test_robots_that_are_stopped_are_reported_once_with_the_cause(later, tmp_pat
 
     disturbed(broken)
     job = cohort_job(tmp_path)
-    where = f"in {tmp_path.name}/{KEYS[0]}: robots"
+    where = f"in {tmp_path.name}/{FIXED}: robots"
     assert run(job)[2] == [
         f"unstable simulation {where} [1] stopped by step 20",
         f"weights that are not finite {where} [0] stopped by step 40",
     ]
     if later == 0:
-        assert read_lives(job.path, SHORT, KEYS[0]).valid.tolist() == [False, False]
+        assert read_lives(job.path, SHORT, FIXED).valid.tolist() == [False, False]
 
 
 @pytest.mark.parametrize(
     ("error", "words"),
     [
-        (
-            RunError("the agent failed"),
-            "the agent failed, in {run}/{first} with {run}/{other} at step 20",
-        ),
-        (CapacityError("full", [3]), "full; in {run}/{other} this is robot 1"),
+        (RunError("the agent failed"), "the agent failed, in {run}/{key} at step 20"),
+        (CapacityError("full", [1]), "full, in {run}/{key} at step 20"),
         (OSError(28, "No space"), "a file could not be read or written .*No space"),
         (SystemExit(3), r"^a process ended itself \(status 3\)$"),
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_what_stops_a_job_is_one_sentence(error, words, tmp_path, monkeypatch, disturbed):
+def test_what_stops_a_job_is_one_sentence(error, words, tmp_path, disturbed):
     def fail(cohort):
         raise error
 
-    monkeypatch.setattr(Experiment, "on_tensors", True)
     disturbed(fail)
-    words = words.format(run=tmp_path.name, first=KEYS[0], other=KEYS[1])
-    with pytest.raises(RunError, match=words):
-        run(cohort_job(tmp_path, KEYS))
+    with pytest.raises(RunError, match=words.format(run=tmp_path.name, key=FIXED)):
+        run(cohort_job(tmp_path))
 
 
 # Execution

@@ -17,7 +17,7 @@ from musebot.protocols.runs.plan import Plan, check_memory, cohort_bytes, defaul
 from musebot.protocols.runs.run import Robot
 from musebot.protocols.runs.run_files import RESULTS_FILE, write_results
 from musebot.protocols.runs.simulation import check_agents
-from musebot.tasks.lives import PAPER_LIVES, Life, Phase
+from musebot.tasks.lives import Life, Phase
 
 MEGABYTE = 2**20
 
@@ -119,6 +119,7 @@ def test_what_is_usual_fits_a_small_machine_and_more_is_refused_in_a_sentence(me
 def test_cohorts_that_run_at_a_time_need_their_memory_together(robots, memory):
     plan = Plan.of(Experiment(cohort_size=100), CONDITIONS, robots)
     each, results = module.job_bytes(plan), module.results_bytes(plan)
+    assert each == max(cohort_bytes(plan.experiment, condition) for condition in CONDITIONS)
     for at_once in (1, 2, 5, 40):
         count = min(at_once, 6 * robots // 100)
         needed = results + count * each + (count - 1) * module._PROCESS
@@ -127,14 +128,6 @@ def test_cohorts_that_run_at_a_time_need_their_memory_together(robots, memory):
         memory(needed - 1)
         with pytest.raises(InputError, match=f", {count} at a time"):
             check_memory(plan, at_once)
-
-
-def test_jobs_on_tensors_have_all_conditions_of_a_task():
-    experiment = Experiment(cohort_size=100, physics="warp")
-    each = dict.fromkeys(PAPER_LIVES, 0)
-    for condition in CONDITIONS:
-        each[condition.task] += cohort_bytes(experiment, condition)
-    assert module.job_bytes(Plan.of(experiment, CONDITIONS, 200)) == max(each.values())
 
 
 def test_the_size_of_the_results_is_that_of_their_file(tmp_path, invented):

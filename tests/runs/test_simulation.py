@@ -62,7 +62,7 @@ def whole(in_process, tmp_path_factory):
 
 
 def keys(executor):
-    return [key for job in executor.jobs for key in job.keys]
+    return [job.key for job in executor.jobs]
 
 
 def assert_same(one, other, conditions):
