@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,6 @@ from .device import (
     device_of,
     on_host,
     robots_on_device,
-    step_together,
     zero_counts,
 )
 from .experiment import Experiment
@@ -116,18 +115,17 @@ class Cohort:
       steps: Number of control steps of the whole life.
     """
 
-    def __init__(self, experiment: Experiment, key: CohortKey, batch: Robots | None = None) -> None:
+    def __init__(self, experiment: Experiment, key: CohortKey) -> None:
         """Makes robots at the start of their lives.
 
         Args:
           experiment: Seed, cohort size, body, brain and other fields that decide the lives.
           key: Condition and number of the cohort.
-          batch: Robots that have not moved yet; None makes new ones.
         """
         robots, task = experiment.cohort_size, key.condition.task
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
-        self.batch = robots_on_device(experiment, task)[0] if batch is None else batch
+        self.batch = robots_on_device(experiment, task)
         if experiment.backend == "numba" and isinstance(self.batch, KinematicBatch):
             self.batch.compile()
         with device_of(experiment):
@@ -164,7 +162,12 @@ class Cohort:
 
     def advance(self, steps: int) -> None:
         """Simulates the given number of control steps, or fewer if the life ends earlier."""
-        advance_together([self], steps)
+        until = min(self.step + steps, self.steps)
+        while (now := self.step) < until:
+            self.enter()
+            leg, minute = self.leg, now - now % _MINUTE + _MINUTE
+            self._simulate(min(leg.stop, until, minute) - now, leg.phase.learning)
+            self.store(leg.phase)
 
     def enter(self) -> None:
         """Places robots and spots if the next step begins a `leg`; a second call does nothing."""
@@ -189,17 +192,18 @@ class Cohort:
         self.decide = decide_and_record
         return steps
 
-    def count(self) -> None:
-        """Counts a control step, and adds the events after it to the robots' counts."""
-        self._count_events()
-        self.step += 1
+    def _simulate(self, steps: int, learning: bool) -> None:
+        """Simulates control steps of one leg and one minute, and counts their events.
 
-    def simulate(self, steps: int, learning: bool) -> bool:
-        """Simulates and counts steps in the compiled loop; returns False where it cannot."""
-        if self._compiled is None or not self._compiled(steps, learning, self._counts):
-            return False
-        self.step += steps
-        return True
+        The steps are those of the compiled loop where it can compute them.
+        """
+        if self._compiled is not None and self._compiled(steps, learning, self._counts):
+            self.step += steps
+            return
+        for _ in range(steps):
+            self.batch.step(self.decide(learning))
+            self._count_events()
+            self.step += 1
 
     def store(self, phase: Phase) -> None:
         """Adds the counts, all from one phase and one minute, to the totals, and resets them to 0.
@@ -303,37 +307,3 @@ class Cohort:
         self.step = step
         if not self.finished:
             self.batch.enter(self.leg.phase.world)
-
-
-def advance_together(cohorts: Sequence[Cohort], steps: int) -> None:
-    """Simulates control steps of one cohort, or of several that are parts of one batch.
-
-    If a killed process saved only some cohorts, those at the earliest step are simulated first,
-    while the others keep their states.
-
-    Args:
-      cohorts: Cohorts of one task, at least one of them not finished.
-      steps: Largest number of control steps. The call ends earlier if the lives end, or if the
-        cohorts at the earliest step reach the step of another cohort.
-    """
-    earliest = min(cohort.step for cohort in cohorts)
-    moving = [cohort for cohort in cohorts if cohort.step == earliest]
-    resting = [cohort for cohort in cohorts if cohort.step > earliest]
-    states = [cohort.batch.get_state() for cohort in resting]
-    until = min(earliest + steps, moving[0].steps, *(cohort.step for cohort in resting))
-    while (now := moving[0].step) < until:
-        leg = moving[0].leg
-        for cohort in moving:
-            cohort.enter()
-        steps = min(leg.stop, until, now - now % _MINUTE + _MINUTE) - now
-        if moving[0].simulate(steps, leg.phase.learning):  # True for a single compiled cohort only
-            steps = 0
-        for _ in range(steps):
-            motors = [cohort.decide(leg.phase.learning) for cohort in moving]
-            step_together([cohort.batch for cohort in moving], motors)
-            for cohort in moving:
-                cohort.count()
-        for cohort in moving:
-            cohort.store(leg.phase)
-    for cohort, state in zip(resting, states, strict=True):
-        cohort.batch.set_state(state)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import functools
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from ...models.arrays import namespace
 from ...tasks.batch import Batch, Robots
 from ...tasks.kinematic import KinematicBatch
 from ...tasks.tensors import capture
-from ...tasks.tensors.robots import KinematicTensors, Part, parts
+from ...tasks.tensors.robots import KinematicTensors
 from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from .experiment import Experiment
@@ -28,41 +27,18 @@ def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
     return torch.device(experiment.device) if experiment.on_tensors else contextlib.nullcontext()
 
 
-def robots_on_device(experiment: Experiment, task: str, cohorts: int = 1) -> list[Robots]:
-    """Returns a batch of robots for each cohort, at the origin, on the experiment's device.
-
-    The batches of several cohorts are parts of one, which must be on tensors (`on_tensors`).
-    """
-    batch = experiment.batch(task, cohorts * experiment.cohort_size)
+def robots_on_device(experiment: Experiment, task: str) -> Robots:
+    """Returns the robots of a cohort, at the origin, on the experiment's device."""
+    batch = experiment.batch(task, experiment.cohort_size)
     if not experiment.on_tensors:
-        return [batch]
+        return batch
     with device_of(experiment):
         if isinstance(batch, KinematicBatch):
-            tensors = KinematicTensors(batch)
-        else:
-            from ...tasks.tensors.warp import WarpTensors
+            return KinematicTensors(batch)
+        from ...tasks.tensors.warp import WarpTensors
 
-            assert isinstance(batch, Batch)
-            tensors = WarpTensors(batch)
-    return [tensors] if cohorts == 1 else [*parts(tensors, cohorts)]
-
-
-def step_together(batches: Sequence[Robots], motors: Sequence[Any]) -> None:
-    """Simulates one control step of robots.
-
-    Args:
-      batches: One batch, or parts of one batch. Parts left out get motor values of 0.
-      motors: Left and right motor values, shape (B, 2), for each of `batches`.
-    """
-    first = batches[0]
-    if not isinstance(first, Part):
-        first.step(motors[0])
-        return
-    commands = motors[0].new_zeros(first.whole.robots, 2)
-    for part, own in zip(batches, motors, strict=True):
-        assert isinstance(part, Part)
-        commands[part.rows] = own
-    first.whole.step(commands)
+        assert isinstance(batch, Batch)
+        return WarpTensors(batch)
 
 
 def decide(agent: Agent, batch: Robots, learning: bool) -> Any:

@@ -1,4 +1,4 @@
-"""Cohorts on tensors: alone, together on one batch, and with steps that a GPU captures.
+"""Cohorts on tensors, and steps of theirs that a GPU captures.
 
 There may be no GPU. So tensors are on the host, and captured steps are emulated: a replay repeats
 the captured operations of PyTorch, with the tensors that they had, and nothing of the code around.
@@ -16,15 +16,13 @@ from torch.utils._pytree import tree_leaves
 from musebot.controller import BRAINS, NoisePatterns, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
-from musebot.protocols.runs.cohort import Cohort, advance_together
+from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import CohortKey, Condition
-from musebot.protocols.runs.device import robots_on_device
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.plan import Plan
 from musebot.protocols.runs.simulation import check_device
 from musebot.tasks.tensors import capture
 
-PROPOSERS = ("fixed", "random", "creative")
 LIKE_MUJOCO = Kinematics(felt="pushed", wall="slips", lag=0.08)
 PAPER, STEADY = Parameters(), BRAINS["steady"]
 SHORT = Experiment(
@@ -95,35 +93,6 @@ def test_a_life_on_tensors_begins_as_on_the_host(task, base, steps, atol, tensor
             assert np.array_equal(held[name], wanted[name]), name
         for name, weights in ours.agent.weights().items():
             np.testing.assert_allclose(weights, theirs.agent.weights()[name], atol=1e-3)
-
-
-@pytest.mark.parametrize("base", [SHORT, WARP], ids=["kinematic", "warp"])
-def test_cohorts_on_one_batch_live_as_alone_and_those_behind_catch_up(base, tensors):
-    if base is WARP:
-        pytest.importorskip("mujoco_warp")
-    base = dataclasses.replace(base, time_scale=0.0003)
-    keys = [CohortKey(Condition("spot_finding", proposer), 0) for proposer in PROPOSERS]
-    alone = [lived(Cohort(base, key)) for key in keys]
-
-    def made():
-        batches = robots_on_device(base, "spot_finding", len(keys))
-        return [Cohort(base, *pair) for pair in zip(keys, batches, strict=True)]
-
-    together, saved = made(), []
-    for _ in range(2):
-        advance_together(together, 17)
-        saved.append([copied(each.checkpoint()) for each in together])
-    early, late = saved
-    together = made()  # a process was killed after it had saved two of three
-    for each, checkpoint in zip(together, [late[0], early[1], late[2]], strict=True):
-        each.restore(*checkpoint)
-    while not all(each.finished for each in together):
-        steps = [each.step for each in together]
-        advance_together(together, 10)
-        moved = [new.step > old for new, old in zip(together, steps, strict=True)]
-        assert moved == [step == min(steps) for step in steps]
-    for ours, theirs in zip(together, alone, strict=True):
-        assert_equal(ours, theirs)
 
 
 # Captured steps
