@@ -1,16 +1,16 @@
-"""Robots as tensors of PyTorch: the interface, the kinematic simulator, and parts of a batch."""
+"""Robots as tensors of PyTorch: the interface and the kinematic simulator."""
 
 from __future__ import annotations
 
 import abc
 from collections.abc import Mapping
-from typing import Any, ClassVar, NoReturn
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from ..batch import Robots, copy_arrays
+from ..batch import Robots
 from ..kinematic import KinematicBatch, after_control_step, measure, measure_speed
 from .capture import Captured
 
@@ -146,55 +146,3 @@ class KinematicTensors(TensorRobots):
         own["poses"].masked_fill_(unsound[:, None], 0.0)
         own["wheels"].masked_fill_(unsound[:, None], 0.0)
         own["touch"].masked_fill_(unsound, 0.0)
-
-
-class Part(Robots):
-    """The robots in the `rows` of a larger batch, `whole`, which takes their steps."""
-
-    def __init__(self, whole: TensorRobots, first: int, robots: int) -> None:
-        """Takes the robots from number `first` to `first + robots - 1` of a larger batch."""
-        super().__init__(robots, whole.rules, whole.dimensions, whole.sensordata.shape[1])
-        self.whole = whole
-        self.rows = slice(first, first + robots)
-        self.sensordata: Any = whole.sensordata[self.rows]
-        self.valid: Any = whole.valid[self.rows]
-
-    @property
-    def pose(self) -> np.ndarray:
-        return self.whole.pose[self.rows]
-
-    @property
-    def spot(self) -> np.ndarray:
-        return self.whole.spot[self.rows]
-
-    def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
-        robots, poses = self._placed(robots, poses, "poses", 3)
-        self.whole.place(robots + self.rows.start, poses)
-
-    def place_spot(self, robots: np.ndarray, spots: np.ndarray) -> None:
-        robots, spots = self._placed(robots, spots, "spots", 2)
-        self.whole.place_spot(robots + self.rows.start, spots)
-
-    def stop(self, robots: np.ndarray) -> None:
-        self.whole.stop(np.arange(self.robots)[robots] + self.rows.start)
-
-    def step(self, motors: Any) -> NoReturn:
-        """Raises TypeError: only the larger batch can take a step."""
-        raise TypeError("a part takes no step of its own: `whole.step` is that of all parts")
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Returns copies on the host of everything that the next steps depend on."""
-        return {name: array[self.rows] for name, array in self.whole.arrays().items()}
-
-    def set_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        whole = self.whole.arrays()
-        copy_arrays(arrays, {name: array[self.rows] for name, array in whole.items()})
-        self.whole.set_state(whole)
-
-
-def parts(whole: TensorRobots, count: int) -> list[Part]:
-    """Splits a batch into `count` equal parts; ValueError if its size is not divisible."""
-    robots, left = divmod(whole.robots, count)
-    if left:
-        raise ValueError(f"{whole.robots} robots cannot be {count} equal parts")
-    return [Part(whole, k * robots, robots) for k in range(count)]

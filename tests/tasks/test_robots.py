@@ -15,7 +15,7 @@ import torch
 from musebot.models import Kinematics
 from musebot.tasks import load, make_batch, make_kinematic_batch
 from musebot.tasks.suite import TASKS
-from musebot.tasks.tensors.robots import KinematicTensors, Part, TensorRobots, parts
+from musebot.tasks.tensors.robots import KinematicTensors, TensorRobots
 
 TASK = "spot_finding_walls"
 BODIES = {
@@ -45,7 +45,6 @@ SIMULATORS = {
     "kinematic, slips": lambda robots: make_kinematic_batch(TASK, robots, BODIES["slips"]),
     "kinematic, refuses": lambda robots: make_kinematic_batch(TASK, robots, BODIES["refuses"]),
     "tensors": tensors,
-    "part of tensors": lambda robots: parts(tensors(2 * robots), 2)[1],
 }
 WARP = {
     "Warp": lambda robots: warp(robots, False),
@@ -66,12 +65,7 @@ def make_any(request):
 
 def drive(batch, motors):
     """Takes a step of robots of any simulator."""
-    if isinstance(batch, Part):
-        both = torch.zeros(batch.whole.robots, 2, dtype=torch.float64)
-        both[batch.rows] = torch.from_numpy(np.asarray(motors, float))
-        batch.whole.step(both)
-    else:
-        batch.step(torch.from_numpy(np.asarray(motors, float)) if is_tensor(batch) else motors)
+    batch.step(torch.from_numpy(np.asarray(motors, float)) if is_tensor(batch) else motors)
 
 
 def is_tensor(batch):
@@ -176,7 +170,7 @@ def copies(make, batch):
         other = make(batch.robots)
         other.set_state(one)
         yield other
-    if not (is_tensor(batch) or isinstance(batch, Part)):  # which are restored from states
+    if not is_tensor(batch):  # which are restored from states
         yield copy.deepcopy(batch)
         yield pickle.loads(pickle.dumps(batch))
 
@@ -217,12 +211,9 @@ def test_a_refused_call_changes_nothing(make):
     batch, state = settled(make(3)), settled(make(3), seed=1).get_state()
     before = batch.get_state()
     for name, given, sentence in REFUSED:
-        error = ValueError
-        if name == "step" and isinstance(batch, Part):
-            error, sentence = TypeError, "a part takes no step of its own"
-        elif name == "step" and is_tensor(batch):
+        if name == "step" and is_tensor(batch):
             given = (torch.zeros(1, 2),)
-        with pytest.raises(error, match=sentence):
+        with pytest.raises(ValueError, match=sentence):
             getattr(batch, name)(*given)
     for name, wrong in itertools.product(state, WRONG):
         with pytest.raises(ValueError, match=f"{name} must have shape"):
@@ -371,5 +362,3 @@ def test_robots_on_tensors_do_what_the_numpy_robots_do_and_read_no_number(body, 
     assert str(blind.rules.state(blind.sensordata).device) == "meta"
     assert blind.rules.reward(blind.sensordata).shape == (3,)
     assert blind.rules.event(blind.sensordata).dtype == torch.bool
-    with pytest.raises(ValueError, match="3 robots cannot be 2 equal parts"):
-        parts(tensors(3), 2)
