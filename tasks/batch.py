@@ -154,7 +154,23 @@ class Robots(abc.ABC):
 
         Raises ValueError where an array is missing or has a wrong shape or type; nothing changes.
         """
-        copy_arrays(arrays, self.arrays())
+        own, given = self.arrays(), {}
+        if not isinstance(arrays, Mapping):
+            raise ValueError(f"a state must have the arrays {[*own]}, got {arrays!r:.60}")
+        for name, target in own.items():
+            value = arrays.get(name)
+            with contextlib.suppress(ValueError):  # raised for parts of different lengths
+                array = np.asarray(value)
+                fits = np.can_cast(array.dtype, target.dtype, "same_kind")
+                if array.shape == target.shape and fits:
+                    given[name] = array
+            if name not in given:
+                raise ValueError(
+                    f"{name} must have shape {target.shape} and type {target.dtype}, "
+                    f"got {getattr(value, 'shape', value)!r:.60}"
+                )
+        for name, target in own.items():
+            target[:] = given[name]
 
     def stop(self, robots: np.ndarray) -> None:
         """Makes robots invalid, given as indices, shape (n,), or as a mask, shape (B,)."""
@@ -200,26 +216,6 @@ class Robots(abc.ABC):
             self.place(broken, np.zeros((len(broken), 3)))
         if not self.valid.all():
             self.sensordata[~self.valid] = 0
-
-
-def copy_arrays(arrays: Mapping[str, Any], targets: Mapping[str, np.ndarray]) -> None:
-    """Copies arrays into the targets of the same names, all or none; see `set_state`."""
-    if not isinstance(arrays, Mapping):
-        raise ValueError(f"a state must have the arrays {[*targets]}, got {arrays!r:.60}")
-    given = {}
-    for name, target in targets.items():
-        value = arrays.get(name)
-        with contextlib.suppress(ValueError):  # raised for parts of different lengths
-            array = np.asarray(value)
-            if array.shape == target.shape and np.can_cast(array.dtype, target.dtype, "same_kind"):
-                given[name] = array
-        if name not in given:
-            raise ValueError(
-                f"{name} must have shape {target.shape} and type {target.dtype}, "
-                f"got {getattr(value, 'shape', value)!r:.60}"
-            )
-    for name, target in targets.items():
-        target[:] = given[name]
 
 
 class Batch(Robots):
