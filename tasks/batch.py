@@ -49,15 +49,7 @@ def silence_warnings() -> None:
 
 
 class CapacityError(RuntimeError):
-    """A simulator had no room for all contacts of some robots; `robots` has their indices."""
-
-    def __init__(self, text: str, robots: list[int]) -> None:
-        super().__init__(text, robots)
-        self.robots = robots
-
-    def __str__(self) -> str:
-        """Returns the text alone."""
-        return str(self.args[0])
+    """A simulator had no room for all contacts of some robots."""
 
 
 def substeps_of(model: mujoco.MjModel) -> int:

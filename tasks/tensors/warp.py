@@ -122,8 +122,7 @@ class WarpEngine:
             self._overflow.zero_()
             raise CapacityError(
                 f"MuJoCo Warp dropped contacts or constraints of {len(full)} robots, the first is "
-                f"robot {full[0]}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot",
-                full,
+                f"robot {full[0]}: room is for {_CONTACTS} contacts and {_ROWS} rows a robot"
             )
 
     def _launch(self) -> None:

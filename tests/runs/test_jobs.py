@@ -166,7 +166,7 @@ def test_robots_that_are_stopped_are_reported_once_with_the_cause(later, tmp_pat
     ("error", "words"),
     [
         (RunError("the agent failed"), "the agent failed, in {run}/{key} at step 20"),
-        (CapacityError("full", [1]), "full, in {run}/{key} at step 20"),
+        (CapacityError("full"), "full, in {run}/{key} at step 20"),
         (OSError(28, "No space"), "a file could not be read or written .*No space"),
         (SystemExit(3), r"^a process ended itself \(status 3\)$"),
     ],

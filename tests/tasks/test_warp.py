@@ -1,7 +1,5 @@
 """MuJoCo Warp against C MuJoCo, on Warp's device for CPUs: states and scripts."""
 
-import pickle
-
 import numpy as np
 import pytest
 import torch
@@ -116,12 +114,9 @@ def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():
 def test_dropped_contacts_are_an_error_that_ends_an_episode_of_gymnasium(monkeypatch):
     monkeypatch.setattr(engine, "_ROWS", 4)
     ours, warp = pair(3)
-    with pytest.raises(
-        CapacityError, match="dropped contacts or constraints of 3 robots"
-    ) as caught:
+    words = "dropped contacts or constraints of 3 robots, the first is robot 0"
+    with pytest.raises(CapacityError, match=words):
         warp.step(np.zeros((3, 2)))
-    copied = pickle.loads(pickle.dumps(caught.value))  # as between processes
-    assert (str(copied), copied.robots) == (str(caught.value), [0, 1, 2])
     tensors = WarpTensors(ours)
     tensors.step(torch.zeros(3, 2))
     with pytest.raises(CapacityError, match="room is for 32 contacts and 4 rows"):
