@@ -36,10 +36,10 @@ _REPORT_EVERY = 0.5  # seconds
 
 
 class Job(Protocol):
-    """A piece of work that runs in a process of its own and writes a file, or a few.
+    """A piece of work that runs in a process of its own and writes a file.
 
     Attributes:
-      path: File that the job writes last, in an existing folder.
+      path: File that the job writes, in an existing folder.
       cost: Amount of work: simulated seconds, added up over the job's robots.
     """
 
@@ -50,7 +50,7 @@ class Job(Protocol):
     def cost(self) -> float: ...
 
     def done(self) -> bool:
-        """Returns whether the job's files exist."""
+        """Returns whether the job's file exists."""
         ...
 
     def run(self, stop: Stop, report: Report) -> bool:
