@@ -15,11 +15,9 @@ from ..runs.experiment import Experiment
 from ..runs.learn_ability import CATEGORIES
 from ..runs.run import Run
 from . import intervals
-from .hypothesis_tests import ALPHA, DRAWS, holm, same_deviation, same_mean, same_share
+from .hypothesis_tests import ALPHA, holm, same_deviation, same_mean, same_share
 from .intervals import Interval
 from .paper_tables import row_names
-
-CELLS = len(CATEGORIES) + 4  # of a condition
 
 _deviation = functools.partial(np.nanstd, ddof=1)
 
@@ -90,7 +88,7 @@ def _newborns(experiment: Experiment, condition: Condition) -> dict[str, np.ndar
     return make_agent(experiment, condition, experiment.cohort_size, seed).weights()
 
 
-def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cell]:
+def _column(ours: Run, other: Run, condition: Condition) -> list[Cell]:
     """Compares the cells of a condition's column; the p-values are not corrected yet.
 
     Invalid robots are left out. In paired runs, their partners and robots without a partner are
@@ -106,8 +104,7 @@ def _column(ours: Run, other: Run, condition: Condition, draws: int) -> list[Cel
             for side, chosen in zip((first, second), both, strict=True)
         )
     return [
-        _cell(condition, name, (values, second[name]), paired, draws)
-        for name, values in first.items()
+        _cell(condition, name, (values, second[name]), paired) for name, values in first.items()
     ]
 
 
@@ -128,11 +125,7 @@ def _measures(run: Run, condition: Condition) -> dict[str, np.ndarray]:
 
 
 def _cell(
-    condition: Condition,
-    name: str,
-    pair: tuple[np.ndarray, np.ndarray],
-    paired: bool,
-    draws: int,
+    condition: Condition, name: str, pair: tuple[np.ndarray, np.ndarray], paired: bool
 ) -> Cell:
     known = [~np.isnan(values.astype(float)) for values in pair]
     incomplete = 0
@@ -148,11 +141,11 @@ def _cell(
     elif name == "sd of L":
         statistic = _deviation
         interval = intervals.difference(*pair, _deviation, paired)
-        p = same_deviation(first, second, paired, draws)
+        p = same_deviation(first, second, paired)
     else:
         span = intervals.ABILITY if name == "mean L" else intervals.SHARE
         interval = intervals.difference_of_means(*pair, paired, span)
-        p = same_mean(first, second, paired, draws)
+        p = same_mean(first, second, paired)
     fewest = 2 if statistic is _deviation else 1
     one, two = (float(statistic(x)) if len(x) >= fewest else float("nan") for x in (first, second))
     sizes = len(first), len(second)
@@ -167,12 +160,9 @@ def compare_runs(ours: Run, other: Run) -> list[Cell]:
     Raises:
       InputError: the runs share no condition, or their lives or time scales differ.
     """
-    conditions = _shared_conditions(ours, other)
-    # At Holm's smallest threshold, ALPHA / cells, at least 50 permutations are extreme.
-    draws = max(DRAWS, 1000 * CELLS * len(conditions))
     found: list[Cell] = []
-    for condition in tracked(conditions, "comparing"):
-        found += _column(ours, other, condition, draws)
+    for condition in tracked(_shared_conditions(ours, other), "comparing"):
+        found += _column(ours, other, condition)
     values = holm(np.array([cell.p for cell in found]))
     return [
         dataclasses.replace(cell, corrected=float(value))

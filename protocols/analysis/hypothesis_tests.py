@@ -17,7 +17,7 @@ ALPHA = 0.05
 _NO_SCATTER = 1e-12  # rounding: the computed standard deviation of equal values may not be 0
 _SEED = 1  # equal data give bit-exact equal p-values
 _JOINT_DRAWS = 9999
-DRAWS = 100_000  # of permutations, at most
+_DRAWS = 100_000  # of permutations, at most; a multiple of `_BLOCK`
 _BLOCK, _ENOUGH_EXTREME = 2_000, 2_000  # of permutations; see `same_mean`
 
 
@@ -172,7 +172,7 @@ def _homogeneity(counts: np.ndarray) -> np.ndarray:
     return terms.sum(axis=(1, 2))
 
 
-def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = DRAWS) -> float:
+def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     """Returns the two-sided p-value of a permutation test that two groups have equal means.
 
     For pairs, values are swapped at random within pairs; the statistic is the difference of the
@@ -182,17 +182,16 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = 
     of Statistics 41, 2013).
 
     Permutations are drawn until `_ENOUGH_EXTREME` of them are as extreme as the data: then the
-    random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). After `draws`
-    permutations, p may rest on fewer extreme ones: about 100 for p = 100 / `draws`.
+    random error of p is about 2 % (Besag and Clifford, Biometrika 78, 1991). After `_DRAWS`
+    permutations, p may rest on fewer extreme ones: about 100 for p = 0.001.
 
     Args:
       first: Values of the first group, shape (n,).
       second: Values of the second group, shape (m,).
       paired: Whether robots with the same index in both groups are pairs; then n = m.
-      draws: Largest number of permutations, a multiple of `_BLOCK`.
 
     Returns:
-      The p-value, at least 1 / (`draws` + 1); NaN for a group of fewer than `FEWEST_RESAMPLED`.
+      The p-value, at least 1 / (`_DRAWS` + 1); NaN for a group of fewer than `FEWEST_RESAMPLED`.
     """
     if min(len(first), len(second)) < FEWEST_RESAMPLED:
         return float("nan")
@@ -201,15 +200,13 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool, draws: int = 
     observed = abs((first - second).mean()) if paired else _welch(first, second)
     least = observed * (1 - 1e-9)  # equal but for rounding errors counts as equal
     drawn = extreme = 0
-    while drawn < draws and extreme < _ENOUGH_EXTREME:
+    while drawn < _DRAWS and extreme < _ENOUGH_EXTREME:
         extreme += int((permuted(first, second, random) >= least).sum())
         drawn += _BLOCK
     return (extreme + 1) / (drawn + 1)
 
 
-def same_deviation(
-    first: np.ndarray, second: np.ndarray, paired: bool, draws: int = DRAWS
-) -> float:
+def same_deviation(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     """Returns the two-sided p-value under the null hypothesis of equal standard deviations.
 
     This is `same_mean` of the values' squared distances from their group's mean.
@@ -217,7 +214,7 @@ def same_deviation(
     if min(len(first), len(second)) < FEWEST_RESAMPLED:
         return float("nan")
     squares = [(values - values.mean()) ** 2 for values in (first, second)]
-    return same_mean(squares[0], squares[1], paired, draws)
+    return same_mean(squares[0], squares[1], paired)
 
 
 def _swapped(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:

@@ -97,14 +97,17 @@ def test_means_of_groups_are_tested_by_all_partitions():
 @pytest.mark.parametrize(
     ("test", "sizes"), [(same_mean, (15, 60)), (same_mean, (60, 15)), (same_deviation, (60, 15))]
 )
-def test_groups_of_different_size_and_spread_are_found_to_differ_in_5_per_cent(test, sizes):
+def test_groups_of_different_size_and_spread_are_found_to_differ_in_5_per_cent(
+    test, sizes, monkeypatch
+):
+    monkeypatch.setattr(hypothesis_tests, "_DRAWS", 1000)
     random = np.random.default_rng(5)
     wrong = plain = 0
     for _ in range(200):
         first, second = random.normal(0, 3, sizes[0]), random.normal(0, 1, sizes[1])
         if test is same_deviation:  # the means differ, the deviations do not
             first, second = first / 3, second + 9
-        wrong += test(first, second, paired=False, draws=1000) < 0.05
+        wrong += test(first, second, paired=False) < 0.05
         plain += stats.ttest_ind(first, second, equal_var=True).pvalue < 0.05
     assert wrong <= 24  # 10, give or take: the test of deviations is exact for many robots only
     if test is same_mean and sizes == (15, 60):
