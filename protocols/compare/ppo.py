@@ -53,14 +53,6 @@ class PPOTraining(Study):
         own = {"task": self.task, "steps": self.steps, "seed": self.seed}
         return own | {"settings": SETTINGS, "robots": ROBOTS}
 
-    def check(self, out: Path) -> None:
-        held = len([*(out / "policies").glob("*.safetensors")])
-        if held > self.policies:
-            raise InputError(f"{out} holds {held} policies, more than {self.policies}")
-        for job in self._jobs(out):
-            if job.done():
-                job.read()
-
     def work(self, out: Path, run_jobs: RunJobs) -> None:
         """Trains the policies, and joins them in one file."""
         run_jobs(self._jobs(out))

@@ -99,10 +99,6 @@ class Study(abc.ABC):
         """
         return {}
 
-    def check(self, out: Path) -> None:
-        """Raises InputError if the study cannot be continued from the files of its jobs in OUT."""
-        del out
-
     @abc.abstractmethod
     def work(self, out: Path, run_jobs: RunJobs) -> None:
         """Does all remaining work; the study's own folders in OUT exist already."""
@@ -128,7 +124,6 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     identity, plans = json.loads(json.dumps(study.identity())), study.plans()
     _check(study, identity, out)
     check_runs(out, plans)
-    study.check(out)
 
     def run_jobs(jobs: Sequence[Job], finished: Callable[[Job], None] = lambda job: None) -> None:
         left = [job for job in jobs if not job.done()]

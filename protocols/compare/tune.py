@@ -146,9 +146,6 @@ class Tune(Study):
             trials.append(Trial(number, tuple(words)))
         return trials
 
-    def check(self, out: Path) -> None:
-        self.ranked(out)  # reads the files of all jobs
-
     def work(self, out: Path, run_jobs: RunJobs) -> None:
         run_jobs([self._job(out, False, some) for some in self._cohorts(self.drawn())])
         run_jobs([self._job(out, True, some) for some in self._cohorts(self._kept(out))])
