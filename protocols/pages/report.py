@@ -70,11 +70,7 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
                     drawn[name] = out / "figures" / f"{name}.png"
         captions, missing = _film(run, out / "films")
         text = tables.markdown(run, behaviour, narrow=True)
-        shown = {
-            path: captions.get(path.name, path.stem.replace("_", " "))
-            for path in _kept(out / "films")
-        }
-        write_text(page_file, page(run, text, drawn, shown, missing))
+        write_text(page_file, page(run, text, drawn, captions, missing))
     return output
 
 
@@ -92,12 +88,12 @@ def _figures(run: Run, behaviour: Behaviour) -> Iterator[tuple[str, Figure | Non
         yield "stays", figures.stays(behaviour.stays)
 
 
-def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
+def _film(run: Run, folder: Path) -> tuple[dict[Path, str], str]:
     """Films each task's example robot before and after training, unless the film exists.
 
-    Returns captions by the films' names, and a sentence about robots that cannot be filmed.
+    Returns captions by film, and a sentence about robots that cannot be filmed.
     """
-    captions: dict[str, str] = {}
+    captions: dict[Path, str] = {}
     missing: list[str] = []
     for task in run.tasks():
         example, life = robot_figures.favourite(run, task), run.experiment.life_of(task)
@@ -109,30 +105,20 @@ def _film(run: Run, folder: Path) -> tuple[dict[str, str], str]:
             continue
         condition, speed = example.condition, _FILM_SPEEDS[life.wanted]
         kind = f"{example.kind}_{condition.proposer}_{example.robot}"
-        existed = folder.is_dir()
         folder.mkdir(exist_ok=True)
         try:
             path = folder / f"{task}_{kind}_x{speed:g}.mp4"
-            captions[path.name] = (
-                f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
-                f"before and after training, {speed:g} times real time"
-            )
-            if path not in _kept(folder):
+            if path.is_symlink() or not path.is_file():  # a link could lead to any file
                 robots = (StoredRobot(run, condition, example.robot, p) for p in BRAINS_OF_TESTS)
                 episodes = (robot.episode() for robot in robots)
                 films.film(episodes, path, seconds=_FILM_SECONDS, speed=speed)
+            captions[path] = (
+                f"{life.title}: {condition.proposer} robot {example.robot} ({example.kind}) "
+                f"before and after training, {speed:g} times real time"
+            )
         except InputError as error:
-            if not existed and not any(folder.iterdir()):
-                folder.rmdir()
             missing.append(f"{life.title} has no film: {error}.")
     return captions, " ".join(missing)
-
-
-def _kept(folder: Path) -> list[Path]:
-    """Returns the films of a folder; links are left out, since they could lead to any file."""
-    found = (path for path in folder.glob("*.mp4") if not path.name.startswith("."))
-    kept = (path for path in found if path.is_file() and not path.is_symlink())
-    return sorted(kept)
 
 
 # ---- The page ----

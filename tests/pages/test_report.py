@@ -118,16 +118,18 @@ def test_films_that_are_missing_are_made_or_named_and_kept_ones_are_shown(
         report.report(run, copy, None)
     walls, spot = made
     assert walls.name.startswith("wall_avoidance_") and spot.name.startswith("spot_finding_")
-    assert report._kept(copy / "films") == sorted(made)
+    assert sorted((copy / "films").iterdir()) == sorted(made)
     spot.rename(spot.with_name("my_robot.mp4"))  # of another robot
     report.report(run, copy, output)
     text = output.read_text()
-    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 2
+    assert text.count("<video ") == text.count("data:video/mp4;base64,ZmlsbQ==") == 1
     assert re.search("<figcaption>Wall.* before and after training, 6 times real time</figc", text)
-    assert "my robot" in text and "Spot finding has no film: there is no headless OpenGL" in text
+    assert (
+        "my robot" not in text and "Spot finding has no film: there is no headless OpenGL" in text
+    )
     shutil.rmtree(copy / "films")
     report.report(run, copy, output)
-    assert "Wall avoidance has no film" in output.read_text() and not (copy / "films").exists()
+    assert "Wall avoidance has no film" in output.read_text()
 
 
 # Pictures and films hold back the load event until they are there, or have failed.
