@@ -13,7 +13,6 @@ from .options import argument, executor, option
 _SIGNALS = ("paper", "raw")
 _BODIES = ("mujoco", "kinematic")
 _BACKENDS = ("torch", "numba")
-_COMPILED = "numba: compiled simulator and paper's brain (torch)"
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate (raw)"
