@@ -116,14 +116,18 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     """Does the remaining work of a study, and writes its page and figures to the folder OUT.
 
     Raises:
-      InputError: OUT has other files, another study, or results of other physics; nothing was done.
+      InputError: OUT has other files, another study or run, or results of other physics, or a run's
+        robots cannot be simulated; nothing was done.
       Interrupted, RunError: see `runs.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """
     out = resolved(out)  # links below it are not followed
     identity, plans = json.loads(json.dumps(study.identity())), study.plans()
     _check(study, identity, out)
-    check_runs(out, plans)
+    for name, plan in plans.items():  # before anything is written
+        if (held := planned(out / name)) is not None:
+            check_identity(out / name, vars(held.experiment), vars(plan.experiment))
+        UnfinishedRun.read(out / name, plan).check()
 
     def run_jobs(jobs: Sequence[Job], finished: Callable[[Job], None] = lambda job: None) -> None:
         left = [job for job in jobs if not job.done()]
@@ -177,18 +181,6 @@ def _check(study: Study, identity: Mapping[str, Any], out: Path) -> list[Any]:
     if not is_physics_of(probe, study.experiment()):
         raise InputError(f"{out} was simulated in another physics than this version's")
     return made_with
-
-
-def check_runs(out: Path, plans: Mapping[str, Plan]) -> None:
-    """Checks before anything is written that runs can be begun or continued.
-
-    Raises:
-      InputError: a folder holds another run, or its robots cannot be simulated.
-    """
-    for name, plan in plans.items():
-        if (held := planned(out / name)) is not None:
-            check_identity(out / name, vars(held.experiment), vars(plan.experiment))
-        UnfinishedRun.read(out / name, plan).check()
 
 
 def simulate_runs(
