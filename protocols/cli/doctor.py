@@ -109,13 +109,9 @@ def report(probes: Mapping[str, Probe]) -> int:
 
 def all_probes() -> dict[str, Probe]:
     """Returns every probe by its name, in the order of the report."""
-    try:
-        packages = package_probes(metadata.requires("musebot") or [])
-    except metadata.PackageNotFoundError:
-        packages = {"musebot": _not_installed}
     return {
         "Python": lambda: f"{platform.python_version()} ({sys.executable})",
-        **packages,
+        **package_probes(metadata.requires("musebot") or []),
         "EGL": _egl,
         "cores": lambda: f"{cores()} of {os.cpu_count()} for this process",
         "memory": lambda: f"{machine_bytes() / 2**30:.1f} GiB",
@@ -142,10 +138,6 @@ def package_probes(lines: Iterable[str]) -> dict[str, Probe]:
     return probes | {name: probe for name, probe in optional.items() if name not in probes}
 
 
-def _not_installed() -> str:
-    raise Missing("not installed, so its requirements are unknown", "pip install -e .")
-
-
 def _package(requirement: Requirement, extra: str = "", use: str = "") -> str:
     """Returns the installed version of a package; `use`, what needs it, makes it optional."""
     extras = f"[{','.join(sorted(requirement.extras))}]" if requirement.extras else ""
@@ -169,11 +161,8 @@ def _egl() -> str:
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
     # In a process of its own, because a graphics driver can crash.
     words = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
-    environment = os.environ | {"MUJOCO_GL": "off"}
     try:
-        done = subprocess.run(
-            words, env=environment, capture_output=True, text=True, timeout=_PROBE_SECONDS
-        )
+        done = subprocess.run(words, capture_output=True, text=True, timeout=_PROBE_SECONDS)
     except subprocess.TimeoutExpired as error:
         raise Missing(f"no image within {_PROBE_SECONDS} s", EGL_REMEDY) from error
     if done.returncode < 0:
