@@ -7,6 +7,7 @@ robots in the same world. The measures and their sources are in docs/lives.md.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -143,10 +144,10 @@ class Adaptation:
 
         NaN if no world returns.
         """
-        first, last = self._visits()
-        if not first:
+        visits = self._visits()
+        if not visits:
             return float("nan")
-        earlier, later = (self.recovery[:, own].mean() for own in (first, last))
+        earlier, later = (self.recovery[:, [own[k] for own in visits]].mean() for k in (0, -1))
         return float(1 - later / earlier)
 
     def forgetting(self) -> float:
@@ -155,21 +156,16 @@ class Adaptation:
         NaN if no world returns.
         """
         lost = [
-            (self.before[:, left] - self.after[:, back]).mean() for left, back in self._returns()
+            (self.before[:, left] - self.after[:, back]).mean()
+            for own in self._visits()
+            for left, back in itertools.pairwise(own)
         ]
         return float(np.mean(lost)) if lost else float("nan")
 
-    def _returns(self) -> list[tuple[int, int]]:
-        """Returns pairs of phases: a visit to a world, and the next visit to it."""
+    def _visits(self) -> list[np.ndarray]:
+        """Returns the indices of the phases in each world that returns, in ascending order."""
         visits = [np.flatnonzero(self.worlds == world) for world in np.unique(self.worlds)]
-        return [(int(a), int(b)) for own in visits for a, b in zip(own, own[1:], strict=False)]
-
-    def _visits(self) -> tuple[list[int], list[int]]:
-        """Returns the phases of the first and of the last visits of the worlds that return."""
-        returns = self._returns()
-        backs = {back for _, back in returns}
-        lefts = {left for left, _ in returns}
-        return sorted(lefts - backs), sorted(backs - lefts)
+        return [own for own in visits if len(own) > 1]
 
 
 def minutes_of_phases(life: Life) -> list[np.ndarray]:
