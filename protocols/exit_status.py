@@ -17,12 +17,11 @@ from .errors import InputError, Interrupted, RunError, missing_extra
 _BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
 
 
-def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
+def exit_status(work: Callable[[], None]) -> int:
     """Carries out a command, prints a failure as one sentence, and returns the exit status.
 
     Args:
       work: Function that carries out the command.
-      check: Whether to check the versions of the dependencies first.
 
     Returns:
       0 for success, 1 for a failure, 2 for bad input, 130 for Ctrl-C, 141 for a closed pipe.
@@ -32,10 +31,6 @@ def exit_status(work: Callable[[], None], *, check: bool = True) -> int:
     except FileNotFoundError:  # without one, importing torch would end the process
         return complain("the working directory was deleted", 2)
     try:
-        if check:
-            from ..models import check_versions
-
-            check_versions()
         work()
         if sys.stdout:  # None where it was closed
             sys.stdout.flush()

@@ -124,7 +124,7 @@ def test_a_failing_stderr_stops_no_work(number, quiet, monkeypatch):
     with JobProgress("jobs", [1.0], quiet) as progress:
         progress.tell("a message")
         progress.show(queue.Queue())
-    assert exit_status(lambda: notice("unheard"), check=False) == 0
+    assert exit_status(lambda: notice("unheard")) == 0
 
 
 def test_messages_are_shown_in_quiet_too(capfd):
@@ -169,7 +169,7 @@ def test_the_exit_status_follows_the_cause_and_not_the_type_of_an_error(capsys):
     for name in "EISDIR ENOTDIR ENAMETOOLONG ELOOP ENOSPC EIO EACCES EROFS".split():
         error = OSError(getattr(errno, name), "so it is", "runs\n")
         bad_path = name in ("EISDIR", "ENOTDIR", "ENAMETOOLONG", "ELOOP")
-        assert exit_status(failing(error), check=False) == (2 if bad_path else 1)
+        assert exit_status(failing(error)) == (2 if bad_path else 1)
         assert len(capsys.readouterr().err.splitlines()) == 1
-    assert exit_status(failing(MemoryError()), check=False) == 1
+    assert exit_status(failing(MemoryError())) == 1
     assert capsys.readouterr().err == "musebot: there is not enough memory\n"

@@ -34,19 +34,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     safe_streams()
     words = [*(sys.argv[1:] if arguments is None else arguments)] or ["--help"]
-    command: Any = None
 
-    def parse() -> None:
-        nonlocal command
-        command = _command(words)
+    def run() -> None:
+        if (command := _command(words)) is None:
+            return
+        # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
+        if words[0] != "explore":
+            os.environ["MUJOCO_GL"] = "off"
+        if words[0] not in _UNCHECKED:
+            from ...models import check_versions
 
-    status = exit_status(parse, check=False)  # a reader of help may close the pipe early
-    if command is None:
-        return status
-    # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
-    if words[0] != "explore":
-        os.environ["MUJOCO_GL"] = "off"
-    return exit_status(command, check=words[0] not in _UNCHECKED)
+            check_versions()
+        command()
+
+    return exit_status(run)
 
 
 def _command(words: list[str]) -> Callable[[], None] | None:

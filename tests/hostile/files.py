@@ -224,7 +224,7 @@ def working(kind, folder):
 
     def work():
         found = []
-        status = exit_status.exit_status(lambda: found.append(kind.read(folder)), check=False)
+        status = exit_status.exit_status(lambda: found.append(kind.read(folder)))
         return status, found[0] if found else None
 
     return work
