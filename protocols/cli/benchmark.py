@@ -36,11 +36,8 @@ class _Conducted:
         module, name = self.study
         study = getattr(importlib.import_module(f"..compare.{module}", __package__), name)
         given = vars(self)
-        options = {
-            one.name: given[one.name]
-            for one in dataclasses.fields(study)
-            if given.get(one.name, ()) != ()
-        }
+        how = ("out", "processes", "ray")
+        options = {name: value for name, value in given.items() if name not in how and value != ()}
         workers = executor(given["processes"], given.get("ray"))
         show_markdown(conduct(study(**options), given["out"], workers).markdown)
 
