@@ -61,11 +61,6 @@ class Row:
     old: Adaptation
     newborns: Newborns
 
-    @property
-    def controlled(self) -> bool:
-        """Whether newborns were simulated in all worlds."""
-        return len(self.newborns) == len(np.unique(self.old.worlds))
-
 
 @dataclasses.dataclass(frozen=True)
 class Column:
@@ -130,7 +125,7 @@ def _measures(column: Column) -> list[list[str]]:
             f"{old.failed.mean():.2f}", intervals.share(int(old.failed.sum()), count), ".2f"
         )
         relative, slope = ["-", "-"], "-"
-        if row.controlled:
+        if len(row.newborns) > 1:
             found = (old.last_recovery(row.newborns, n) for n in (len(row.newborns), 1))
             relative = [with_interval(f"{mean:.2f}", interval, ".2f") for mean, interval in found]
             slope = f"{old.slope(row.newborns):+.3f}"
