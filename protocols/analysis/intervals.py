@@ -59,7 +59,7 @@ def mean(values: np.ndarray, span: Interval | None = None) -> Interval:
     values = np.asarray(values, dtype=float)
     if len(values) >= FEWEST_RESAMPLED and span and _is_near_an_end(values, span):
         return _gaffke(values, span)
-    return _bootstrap(values, np.mean)
+    return _resampled((values,), np.mean)
 
 
 def _is_near_an_end(values: np.ndarray, span: Interval) -> bool:
@@ -97,7 +97,7 @@ def deviation(values: np.ndarray) -> Interval:
 
     It is unknown for fewer robots than `FEWEST_RESAMPLED`, or if all values are equal.
     """
-    return _bootstrap(values, functools.partial(np.std, ddof=1))
+    return _resampled((np.asarray(values, dtype=float),), functools.partial(np.std, ddof=1))
 
 
 def mean_from(summary: Summary) -> Interval:
@@ -199,9 +199,7 @@ def difference_of_means(
     if enough and any(_is_near_an_end(values, span) for values in measured):
         means = float(measured[0].mean()), float(measured[1].mean())
         return _combined(means, (mean(measured[0], span), mean(measured[1], span)))
-    low, high = difference(first, second, np.nanmean, paired)
-    # Resampling equal values shows no spread, which does not mean certainty.
-    return (low, high) if high - low > 1e-12 else UNKNOWN
+    return difference(first, second, np.nanmean, paired)
 
 
 def difference(
@@ -218,10 +216,8 @@ def difference(
 
     Returns:
       Interval of the first statistic minus the second; unknown if a group has fewer values than
-      `FEWEST_RESAMPLED`, or if a resample consists of NaN only.
+      `FEWEST_RESAMPLED`, if a resample consists of NaN only, or if all resamples are equal.
     """
-    if min((~np.isnan(x)).sum() for x in (first, second)) < FEWEST_RESAMPLED:
-        return UNKNOWN
 
     def apart(first: np.ndarray, second: np.ndarray, axis: int) -> np.ndarray:
         return statistic(first, axis=axis) - statistic(second, axis=axis)
@@ -229,17 +225,11 @@ def difference(
     return _resampled((first, second), apart, paired)
 
 
-def _bootstrap(values: np.ndarray, statistic: Callable[..., np.ndarray]) -> Interval:
-    values = np.asarray(values, dtype=float)
-    # Resampling equal values shows no spread, which does not mean certainty.
-    if len(values) < FEWEST_RESAMPLED or np.ptp(values) == 0:
-        return UNKNOWN
-    return _resampled((values,), statistic)
-
-
 def _resampled(
     samples: tuple[np.ndarray, ...], statistic: Callable[..., np.ndarray], paired: bool = False
 ) -> Interval:
+    if min((~np.isnan(x)).sum() for x in samples) < FEWEST_RESAMPLED:
+        return UNKNOWN
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # a degenerate sample results in NaN
         found = stats.bootstrap(
@@ -252,4 +242,5 @@ def _resampled(
             method="BCa",
             rng=np.random.default_rng(_SEED),
         ).confidence_interval
-    return float(found.low), float(found.high)
+    # Resampling equal values shows no spread, which does not mean certainty.
+    return (float(found.low), float(found.high)) if found.high - found.low > 1e-12 else UNKNOWN
