@@ -22,7 +22,7 @@ from ..runs.experiment import Backend, Body, Experiment, Signals
 from ..runs.plan import MOST_ROBOTS, Plan
 from ..runs.run import Run
 from ..runs.run_files import read_run
-from .bounds import bounds_job, matrix_of
+from .bounds import Matrix, bounds_job, tried_worlds
 from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, simulate_runs
 from .tune import LIKE_MUJOCO, read_tunings
@@ -168,7 +168,8 @@ class Benchmark(Study):
         columns = []
         for name in self.life:
             life = self.experiment().life_of(name)
-            matrix = matrix_of(bounds_job(out, self.experiment(), name), life)
+            job = bounds_job(out, self.experiment(), name)
+            matrix = Matrix(tried_worlds(life), job.read()["shares"])
             rows = []
             for folder, (own, learner, _) in self._runs.items():
                 if own == name:

@@ -90,11 +90,6 @@ def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
     )
 
 
-def matrix_of(job: ArrayJob, life: Life) -> Matrix:
-    """Reads the shares that a job of `bounds_job` has measured."""
-    return Matrix(tried_worlds(life), job.read()["shares"])
-
-
 def measure(experiment: Experiment, name: str, progress: Progress) -> Arrays:
     """Measures the shares of time at the goal that policies reach in the worlds of a life.
 
