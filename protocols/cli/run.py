@@ -115,13 +115,10 @@ class Run:
         from ..runs.conditions import Condition
 
         try:
-            rows: dict[Condition, int] = {}
-            for (task, proposer), number in config.robots.items():
-                condition = Condition(task, recorded_name(proposer))
-                if condition in rows:  # an agent may have several names
-                    raise InputError(f"{condition} is planned twice")
-                rows[condition] = number
-            return rows
+            return {
+                Condition(task, recorded_name(proposer)): number
+                for (task, proposer), number in config.robots.items()
+            }
         except InputError as error:
             raise InputError(f"{self.config}: {error}") from error
 

@@ -101,12 +101,6 @@ def test_words_override_a_file_before_its_values_are_checked(tmp_path):
         assert planned(file=config, config=file, body="kinematic", **words)
 
 
-def test_the_same_agent_under_two_names_is_planned_once_only():
-    file = Config(robots={("spot_finding", "dqn"): 1, ("spot_finding", "musebot:dqn"): 1})
-    with pytest.raises(InputError, match="spot_finding/musebot:dqn is planned twice"):
-        planned(file=file)
-
-
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
