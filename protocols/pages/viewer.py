@@ -76,9 +76,9 @@ def explore(task: str, driver: Driver | None = None) -> None:
     Raises:
       InputError: there is no such task, or no display.
     """
-    check_name("task", task, TASKS)
     driver = driver or Driver("random motors", random_motors(seed=0))
     task = driver.task or task
+    check_name("task", task, TASKS)
     check_display()
     # The nose must have the same form as in the run.
     kwargs = {"nose": driver.nose} if "nose" in TASKS[task].keywords else {}

@@ -108,6 +108,12 @@ def test_every_task_receives_actions_in_its_own_units(window, task):
     np.testing.assert_array_equal(by_keys.actions, [[0, 0], [limit, limit]])
 
 
+def test_a_robot_of_a_life_of_ones_own_drives_in_the_task_of_this_life(window):
+    driver = viewer.Driver("robot", viewer.random_motors(seed=0), task="spot_finding")
+    viewer.explore("my_life", driver)
+    assert window.opened[0].title == "Musebot: spot_finding, robot"
+
+
 def test_held_arrow_keys_drive_and_released_ones_stop():
     keys = viewer.ArrowKeys()
     press, repeat, release = 1, 2, 0
