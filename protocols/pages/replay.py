@@ -180,6 +180,8 @@ class StoredRobot:
     def episode(self) -> Episode:
         """Returns the first phase of the test, with robot and spot at their start places.
 
+        It ends where the test would place them again.
+
         Raises:
           InputError: see `agent`; or the robot has other dimensions than the model that is drawn.
         """
@@ -196,7 +198,7 @@ class StoredRobot:
             life.event,
             batch,
             act,
-            control_steps(start.minutes),
+            control_steps(min(start.minutes, start.every_minutes or math.inf)),
             random,
         )
 

@@ -140,6 +140,16 @@ def test_episode_is_a_test_from_its_start(stored):
     assert all((moment.spot == UPPER_RIGHT[:2]).all() for moment in moments)
 
 
+def test_an_episode_ends_where_the_test_places_the_robot_again():
+    phases = tuple(Phase(stage, 0.03, False, every_minutes=0.01) for stage in STAGES)
+    life = Life("mine", "Mine", "wall_avoidance", phases, wanted=False)
+    experiment = Experiment(cohort_size=1, body="kinematic", life=life)
+    cohort = Cohort(experiment, CohortKey(condition := Condition("mine", "fixed"), 0))
+    cohort.advance(cohort.steps)
+    run = Run("own", experiment, results_of(experiment, {condition: cohort.lives()}))
+    assert StoredRobot(run, condition, 0, "post").episode().seconds == pytest.approx(0.6)
+
+
 def test_the_seed_decides_a_brains_noise_only(run, stored):
     """A brain with fixed ideas that explored would act by chance, too."""
     experiment = dataclasses.replace(run.experiment, brain=Parameters(epsilon=1.0))
