@@ -106,7 +106,7 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
     for place, column in enumerate(columns):
         for row in column.rows:
             text = mean_cell(row.old.online)
-            if column.tests.get(row.name, 1.0) >= ALPHA:
+            if not column.tests.get(row.name, 1.0) < ALPHA:  # NaN: too few robots for a test
                 text = f"**{text}**"
             cells.setdefault(row.name, ["-"] * len(columns))[place] = text
             scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.old.online.mean()

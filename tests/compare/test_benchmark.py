@@ -146,6 +146,15 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
         conduct(dataclasses.replace(study, seed=5), out, in_process())
 
 
+def test_learners_with_too_few_robots_for_a_test_are_all_bold():
+    rows = [
+        lives_page.Row(name, np.array([]), Mock(online=np.full(2, score)), [])
+        for name, score in (("worse", 0.1), ("best", 0.9))
+    ]
+    _, *table = lives_page._summary([lives_page.Column(BODY, Mock(), rows)])
+    assert table == [["best", "**0.900**"], ["worse", "**0.100**"]]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "lives", "learners"),
