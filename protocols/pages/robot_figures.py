@@ -83,10 +83,12 @@ def trajectories(run: Run, task: str) -> Figure | None:
     which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
     life = run.experiment.life_of(task)
     track = evaluate(run, condition, which, MINUTES[life.wanted])
+    batch = run.experiment.batch(task, 1)
     figure, axes = canvas(2.9, 2, len(found))
     for index, axis in enumerate(axes.T.flat):
         example, when = found[index // 2], WHEN[index % 2]
-        _draw_robot(axis, run, condition, track, index)
+        _draw_arena(axis, batch, track.spot)
+        draw_path(axis, track, index, colour(condition.proposer))
         if when == WHEN[0]:
             axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
         share = track.events[:, index].mean()
@@ -94,15 +96,13 @@ def trajectories(run: Run, task: str) -> Figure | None:
     return figure
 
 
-def _draw_robot(axis: Axes, run: Run, condition: Condition, track: Track, index: int) -> None:
-    """Draws the walls from above, the spot in a task with a spot, and a robot's path."""
-    batch = run.experiment.batch(condition.task, 1)
+def _draw_arena(axis: Axes, batch: Robots, spot: np.ndarray) -> None:
+    """Draws the walls from above, and in a task with a spot the spot; its centre is x, y in [m]."""
     size = batch.dimensions
     length, width = size.half_length, size.half_width
     axis.add_patch(Rectangle((-length, -width), 2 * length, 2 * width, fill=False, ec=INK, lw=1.0))
     if batch.rules.has_nose:
-        axis.add_patch(Circle(tuple(track.spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
-    draw_path(axis, track, index, colour(condition.proposer))
+        axis.add_patch(Circle(tuple(spot), size.spot_radius, fc=INK, alpha=0.3, lw=0))
     axis.set(xlim=(-1.03 * length, 1.03 * length), ylim=(-1.04 * width, 1.04 * width))
     axis.set(aspect="equal", xticks=[], yticks=[])
     axis.spines[:].set_visible(False)
