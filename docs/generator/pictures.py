@@ -28,7 +28,7 @@ STILLS = {
     "spot_finding_walls": (7, "corner"),
     "spot_finding_jumping": (5, "overhead"),
 }
-STEADY = "film docs/results/steady --task spot_finding --proposer creative --robot 3 --phase both"
+STEADY = "film docs/results/steady --task spot_finding --proposer creative --robot 8 --phase both"
 # The words of `musebot` that make a file, without `--output FILE`.
 COMMANDS = {
     "before-after.gif": f"{STEADY} --seconds 6 --speed 50",
