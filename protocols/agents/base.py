@@ -38,7 +38,10 @@ def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
     Raises:
       ValueError: the generator is not a PCG64, or `words` is no state of one.
     """
-    random.bit_generator.state = json.loads(bytes(words))
+    try:
+        random.bit_generator.state = json.loads(bytes(words))
+    except (KeyError, TypeError) as error:
+        raise ValueError("these bytes are no state of a generator") from error
 
 
 class Agent(abc.ABC):
