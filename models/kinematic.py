@@ -133,8 +133,8 @@ def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
 
     Args:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
-      into: Booleans, shape (2, B). Row 0: whether the robot first meets a wall that limits x.
-        Row 1: whether it first meets a wall that limits y. In a corner, both are true.
+      into: Booleans, shape (2, B). Row 0: whether the wall that the robot meets limits x. Row 1:
+        whether it limits y. In a corner, both are true.
       seconds: Duration of driving into the wall in [s], shape (B,).
     """
     xp = namespace(lost)

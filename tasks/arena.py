@@ -55,7 +55,7 @@ class Task(base.Task):
 
     Attributes:
       rules: Observations and reward of the task in the present world.
-      episode: Start, limits of actions and length of every episode.
+      episode: How an episode starts, how long it lasts, and the limits of its actions.
       start: Places of robot and spot at the start of the next episode.
       steps: Number of control steps of this episode so far.
       world: World of the present phase in a life; the default world in ordinary episodes.

@@ -46,7 +46,7 @@ def factory_of(name: str) -> Callable[..., Agent]:
     """Returns the factory of an agent.
 
     Args:
-      name: Short name of the agent, the name in a run's records (see `RECORDED_NAMES`), or
+      name: One of three: a short name, a name that runs record (see `RECORDED_NAMES`), or
         "package.module:factory".
 
     Raises:

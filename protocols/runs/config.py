@@ -118,8 +118,8 @@ class Config:
 
     Attributes:
       values: Fields of `Experiment` that the file gives, by name.
-      robots: Number of robots for each pair of a task and a proposer (or an agent); empty if the
-        file has no plan.
+      robots: Dictionary from a pair of a task and a proposer (or an agent) to its number of robots;
+        empty if the file has no plan.
     """
 
     values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
