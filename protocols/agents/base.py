@@ -21,7 +21,7 @@ def random_state(random: np.random.Generator) -> np.ndarray:
     """Returns the state of a generator that `np.random.default_rng` made, for `Agent.state`.
 
     Returns:
-      NumPy's own description of the state, as the characters of JSON, uint8, shape (n,).
+      NumPy's own description of the state, as characters of JSON, uint8, shape (256,).
 
     Raises:
       ValueError: the generator is not a PCG64.
@@ -29,19 +29,23 @@ def random_state(random: np.random.Generator) -> np.ndarray:
     state = random.bit_generator.state
     if state["bit_generator"] != "PCG64":
         raise ValueError(f"the generator must be PCG64, got {state['bit_generator']}")
-    return np.frombuffer(json.dumps(state).encode(), np.uint8)
+    return np.frombuffer(bytearray(json.dumps(state).ljust(256).encode()), np.uint8)
 
 
-def load_random_state(random: np.random.Generator, words: np.ndarray) -> None:
+def load_random_state(random: np.random.Generator, state: np.ndarray) -> None:
     """Sets a generator to a state that `random_state` returned: the same numbers follow.
 
     Raises:
-      ValueError: the generator is not a PCG64, or `words` is no state of one.
+      ValueError: the generator is not a PCG64, or `state` is no state of one.
     """
     try:
-        random.bit_generator.state = json.loads(bytes(words))
-    except (KeyError, TypeError) as error:
-        raise ValueError("these bytes are no state of a generator") from error
+        given = json.loads(bytes(state))
+        random.bit_generator.state = given
+        damaged = random.bit_generator.state != given
+    except (KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
+        raise ValueError("this is no state of the generator") from error
+    if damaged:
+        raise ValueError("this is no state of the generator")
 
 
 class Agent(abc.ABC):

@@ -111,14 +111,10 @@ class Run:
 
     def _rows(self, config: Config) -> dict[Condition, int]:
         """Returns the number of robots that the file of --config plans for each condition."""
-        from ..agents.names import recorded_name
         from ..runs.conditions import Condition
 
         try:
-            return {
-                Condition(task, recorded_name(proposer)): number
-                for (task, proposer), number in config.robots.items()
-            }
+            return {Condition(*names): number for names, number in config.robots.items()}
         except InputError as error:
             raise InputError(f"{self.config}: {error}") from error
 

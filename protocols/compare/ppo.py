@@ -54,7 +54,14 @@ class PPOTraining(Study):
         return own | {"settings": SETTINGS, "robots": ROBOTS}
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """Trains the policies, and joins them in one file."""
+        """Trains the policies, and joins them in one file.
+
+        Raises:
+          InputError: OUT holds more policies than `policies`; nothing was done.
+        """
+        held = len(list((out / "policies").glob("*.safetensors")))
+        if held > self.policies:
+            raise InputError(f"{out} holds {held} policies, more than {self.policies}")
         run_jobs(self._jobs(out))
         policies = [job.read() for job in self._jobs(out)]
         arrays = {name: np.concatenate([one[name] for one in policies]) for name in policies[0]}

@@ -117,7 +117,8 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
 
     Raises:
       InputError: OUT has other files, another study or run, or results of other physics, or a run's
-        robots cannot be simulated; nothing was done.
+        robots cannot be simulated; nothing was done. Or the file of a finished job is damaged; then
+        the other jobs are done.
       Interrupted, RunError: see `runs.jobs.Executor`; a repeated call continues the study.
       OSError: a file could not be written.
     """

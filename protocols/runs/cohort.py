@@ -180,7 +180,8 @@ class Cohort:
     def recorded(self) -> list[np.ndarray]:
         """Returns a list to which every later step adds the motor values, shape (B, 2).
 
-        From now on, these steps are simulated without the compiled loop.
+        From now on, steps are simulated without the compiled loop. The robots must not be on
+        tensors.
         """
         self._compiled, steps = None, []
 

@@ -20,6 +20,7 @@ from ...fields import shown
 from ...models import Dimensions, Kinematics
 from ...tasks.lives import LIVES, Life, life_from
 from ...tasks.suite import TASKS, task_definition
+from ..agents.names import recorded_name
 from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
 from .experiment import Experiment
@@ -206,9 +207,10 @@ def _robots(rows: Any) -> dict[tuple[str, str], int]:
         own = _checked(row, _ROW, "a row of the plan")
         if missing := [name for name in _ROW if name not in own]:
             raise InputError(f"a row of the plan needs {', '.join(_ROW)}, got no {missing[0]}")
-        pair = own["task"], own["proposer"]
-        if not all(isinstance(name, str) for name in pair):
-            raise InputError(f"task and proposer must be texts, got {shown(pair)}")
+        names = own["task"], own["proposer"]
+        if not all(isinstance(name, str) for name in names):
+            raise InputError(f"task and proposer must be texts, got {shown(names)}")
+        pair = own["task"], recorded_name(own["proposer"])  # an agent may have several names
         if pair in robots:
             raise InputError(f"{'/'.join(pair)} is planned twice")
         check_robots(own["robots"])

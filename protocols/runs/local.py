@@ -137,14 +137,17 @@ def handling(
         yield
     finally:
         for number, old in before:
-            if old is not None:  # Python cannot install a handler again that another program set
-                signal.signal(number, old)
+            signal.signal(number, old)
 
 
 def _heard(numbers: Iterable[signal.Signals]) -> list[signal.Signals]:
-    """Returns the signals, without SIGHUP if this process ignores it."""
+    """Returns the signals, without an ignored SIGHUP, and without those that Python cannot restore.
+
+    These have a handler that another program installed.
+    """
     ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
-    return [number for number in numbers if number != signal.SIGHUP or not ignored]
+    heard = [number for number in numbers if number != signal.SIGHUP or not ignored]
+    return [number for number in heard if signal.getsignal(number) is not None]
 
 
 # ---- Processes ----

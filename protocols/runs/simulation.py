@@ -71,6 +71,7 @@ def simulate(
       InputError: the folder is in use, its experiment or physics differs, or an agent is not
         trusted or fails.
       Interrupted: Ctrl-C or a termination signal arrived; checkpoints were written.
+      ImportError: a package of an extra is missing.
       RunError: a process died, an agent failed, or a cohort's file could not be written.
       OSError: the results could not be written; the cohorts' files are kept.
     """

@@ -250,7 +250,8 @@ def test_the_state_of_another_generator_or_a_damaged_one_is_refused():
     other, own = np.random.Generator(np.random.MT19937(1)), np.random.default_rng(1)
     with pytest.raises(ValueError, match="must be PCG64, got MT19937"):
         random_state(other)
-    words = random_state(own)
-    for generator, wrong in ((other, words), (own, words[:5]), (own, 0 * words)):
-        with pytest.raises(ValueError):
+    state = random_state(own)
+    large = np.frombuffer(bytes(state).replace(b'"inc": ', b'"inc": 9999'), np.uint8)
+    for generator, wrong in ((other, state), (own, state[:5]), (own, 0 * state), (own, large)):
+        with pytest.raises(ValueError, match="this is no state of the generator"):
             load_random_state(generator, wrong)

@@ -68,8 +68,13 @@ def test_policies_added_later_equal_those_trained_together(tmp_path, in_process)
     assert arrays["after.0.weights"].shape == (2, 64, 1)
     assert (arrays["after.0.weights"][0] != arrays["after.0.weights"][1]).any()
     before = files_below(tmp_path)
-    with pytest.raises(InputError, match="holds a study with steps 1, not 2"):
-        conduct(PPOTraining(TASK, 2, steps=2, seed=5), tmp_path / "grown", here)
+    for options, words in (
+        ({"steps": 2}, "holds a study with steps 1, not 2"),
+        ({"policies": 1}, "holds 2 policies, more than 1"),
+    ):
+        asked = {"policies": 2, "steps": 1, "seed": 5} | options
+        with pytest.raises(InputError, match=words):
+            conduct(PPOTraining(TASK, **asked), tmp_path / "grown", here)
     assert files_below(tmp_path) == before
 
 

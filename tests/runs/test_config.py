@@ -100,7 +100,7 @@ def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     assert changed.values == {"brain": Parameters(noise=0.5)}
 
 
-ROW = '{task = "a", proposer = "b", robots = 1}'
+ROW = '{task = "a", proposer = "dqn", robots = 1}'
 WRONG = {
     "seed = 1": "the file has no 'seed'; there are experiment, plan, ",
     "experiment.sed = 1": "experiment has no 'sed'; did you mean seed?",
@@ -111,7 +111,8 @@ WRONG = {
     "plan = {a = 1}": "plan must be a list of rows",
     'plan = [{task = "spot_finding"}]': "needs task, proposer, robots, got no proposer",
     'plan = [{task = [1], proposer = "fixed", robots = 1}]': "must be texts, got ((1,), 'fixed')",
-    f"plan = [{ROW}, {ROW}]": "a/b is planned twice",
+    f"plan = [{ROW}, {ROW}]": "a/musebot:dqn is planned twice",
+    f"plan = [{ROW}, {ROW.replace('dqn', 'musebot:dqn')}]": "a/musebot:dqn is planned twice",
     f"plan = [{ROW.replace('1', '60.5')}]": "robots must be a whole number from 1 to ",
     f"plan = [{ROW.replace('= 1', '= true')}]": "robots must be a whole number from 1 to ",
     '{"experiment": {"seed": 1, "seed": 2}}': "'seed' is given twice",

@@ -50,6 +50,7 @@ JOBS = {
     "noise held": of("creative", brain=Parameters(noise_steps=7)),
     "noise for life": of("creative", brain=Parameters(noise_steps=0)),
     "of a learner": of(LEARNER.proposer, LEARNER.task),
+    "of networks of a learner": of("musebot:dqn_no_replay", "spot_finding"),
     "on tensors": of("creative"),
     "saved often": lambda folder: cohort_job(folder, CREATIVE, save_every=0.0),
     "of a study": evaluation,

@@ -114,7 +114,9 @@ class OnlineLearner(Agent):
         """Registers networks and the state of their Adam optimiser; returns the optimiser."""
         adam = Adam(networks, rate, mean_decay)
         self.keep_list(name, networks.tensors, learned=True)
-        self.keep_list(f"{name}.adam", adam.tensors)
+        steps, *moments = adam.tensors
+        kept = [part for moment in moments for part in networks.views(moment)]
+        self.keep_list(f"{name}.adam", [steps, *kept])
         return adam
 
     @abc.abstractmethod

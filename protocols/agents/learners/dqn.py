@@ -29,7 +29,8 @@ class DQNWithoutReplay(OnlineLearner):
         sizes = (self.inputs, width, width, outputs)
         self.networks = LayeredNetworks(robots, sizes, self.generator, F.relu)
         self._adam = self.trained("values", self.networks, self.setting["rate"])
-        self._target = self.keep("target", self.networks.flat.clone())
+        self._target = self.networks.flat.clone()
+        self.keep_list("target", self.networks.views(self._target))
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self._count = self.keep("count", torch.zeros(1, dtype=torch.int64))
 

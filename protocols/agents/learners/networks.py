@@ -44,7 +44,7 @@ class LayeredNetworks:
         self._shapes = [shape for i, o in pairwise(sizes) for shape in ((o, i), (o,))]
         self._counts = [math.prod(shape) for shape in self._shapes]
         self.flat = torch.zeros(robots, sum(self._counts))
-        self.tensors = self._views(self.flat)
+        self.tensors = self.views(self.flat)
         for weights in self.tensors[::2]:
             uniform = torch.rand(weights.shape, generator=generator) * 2 - 1
             weights.copy_(uniform / math.sqrt(weights.shape[-1]))
@@ -65,7 +65,7 @@ class LayeredNetworks:
 
     def layers(self, inputs: Tensor, flat: Tensor | None = None) -> list[Tensor]:
         """Returns the inputs, (B, N, I), and the activations of each layer, (B, N, O)."""
-        tensors = self.tensors if flat is None else self._views(flat)
+        tensors = self.tensors if flat is None else self.views(flat)
         found = [inputs]
         for layer, (weights, biases) in enumerate(zip(tensors[::2], tensors[1::2], strict=True)):
             x = torch.baddbmm(biases[:, None], found[-1], weights.mT)
@@ -98,7 +98,7 @@ class LayeredNetworks:
           Derivative with respect to weights and biases, shape (B, W).
         """
         gradient = torch.empty_like(self.flat)
-        parts = self._views(gradient)
+        parts = self.views(gradient)
         for layer in reversed(range(len(layers) - 1)):
             below = layers[layer]
             # Both are equal for N = 1, where torch.bmm takes several times as long.
@@ -109,7 +109,8 @@ class LayeredNetworks:
                 slopes = torch.bmm(slopes, self.tensors[2 * layer]) * (below > 0)
         return gradient
 
-    def _views(self, flat: Tensor) -> list[Tensor]:
+    def views(self, flat: Tensor) -> list[Tensor]:
+        """Returns weights (B, O, I) and biases (B, O) of each layer, as views of `flat`, (B, W)."""
         parts = flat.split(self._counts, dim=1)
         # Weights of one input lie together: torch.bmm is then up to three times as fast.
         return [
@@ -135,7 +136,7 @@ class Adam:
     as long.
 
     Attributes:
-      tensors: Number of steps so far, and the two moments (B, W): the state for a checkpoint.
+      tensors: Number of steps so far, and the two moments, each (B, W).
     """
 
     SMALLEST, CLEARED = 1e-30, 50  # smallest moment kept; steps between two clearings

@@ -44,7 +44,7 @@ class StreamAC(StreamLearner):
             ("actor", self.actor, self.actors_descent),
         ):
             self.keep_list(name, networks.tensors, learned=True)
-            self.keep(f"{name}.traces", descent.traces)
+            self.keep_list(f"{name}.traces", networks.views(descent.traces))
         self.pair("action", torch.zeros(robots, 2))
 
     def placed_anew(self) -> None:

@@ -28,7 +28,7 @@ class StreamQ(StreamLearner):
         decay = self.discount * self.setting["trace"]
         self.descent = ObGD(self.networks, decay, self.setting["kappa"])
         self.keep_list("values", self.networks.tensors, learned=True)
-        self.keep("traces", self.descent.traces)
+        self.keep_list("traces", self.networks.views(self.descent.traces))
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
 

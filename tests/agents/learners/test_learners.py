@@ -127,7 +127,8 @@ def test_nothing_is_left_of_the_past_when_a_robot_is_placed_anew(name):
     lived(agent, 20)
     agent.reset()
     traces = {key: array for key, array in agent.state().items() if "trace" in key}
-    wanted = {"sarsa_lambda": 1, "stream_q": 2, "stream_ac": 3}  # with the trace of rewards
+    # One of each layer's weights and biases, and the trace of rewards.
+    wanted = {"sarsa_lambda": 1, "stream_q": 7, "stream_ac": 13}
     assert len(traces) == wanted.get(name, 0)
     assert not any(array.any() for array in traces.values())
 

@@ -246,7 +246,7 @@ def test_sarsa_lambda_is_the_published_algorithm():
 
 
 @pytest.mark.parametrize("rate", [0.01, torch.tensor([0.01, 0.03])])
-def test_adam_is_pytorchs_and_its_moments_never_become_subnormal(rate):
+def test_adam_is_pytorchs_and_moments_that_decay_never_become_subnormal(rate):
     random = torch.Generator().manual_seed(0)
     nets = LayeredNetworks(2, (1, 2, 1), random)
     adam, smallest = Adam(nets, rate, 0.9), torch.finfo().tiny
@@ -302,8 +302,8 @@ def test_no_gradient_of_avg_is_boundless_at_the_start_of_a_life():
     for state, reward in zip(signals[..., None], rewards, strict=True):
         agent.act(state, True)
         agent.learn(reward)
-    moments = [array for key, array in agent.state().items() if ".adam.2" in key]
-    assert len(moments) == 2 and max(array.max() for array in moments) < 1e3
+    moments = [array for key, array in agent.state().items() if ".adam." in key]
+    assert len(moments) == 2 * 13 and max(array.max() for array in moments) < 1e3
 
 
 def test_streaming_learners_with_one_signal_tell_more_of_it_than_its_sign():
