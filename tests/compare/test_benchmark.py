@@ -155,19 +155,26 @@ def test_learners_with_too_few_robots_for_a_test_are_all_bold():
     assert table == [["best", "**0.900**"], ["worse", "**0.100**"]]
 
 
+TUNED = ("rate=0.000102", "discount=0.849", "epsilon=0.0646", "epsilon_steps=29900")
+METHODS = {"dqn_l2": "decay=1e-6", "dqn_centred": "pace=1e-5"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "lives", "learners"),
-    [
-        ("lives", ("tasks", "drift"), ()),
-        ("lives-body", ("body",), ("steady",)),
-    ],
+    [("lives", ("tasks", "drift"), ()), ("lives-body", ("body",), ("steady", *METHODS))],
 )
 def test_kept_pages_are_made_again_from_runs_that_lack_networks(folder, lives, learners):
     study = Benchmark(
         life=lives,
         agent=("sarsa_lambda", "dqn_no_replay", "constant", *learners, "paper"),
         tuned=tuple((RESULTS / "tuned").iterdir()),
+        set=tuple(
+            f"{name}.{setting}"
+            for name, strength in METHODS.items()
+            for setting in (strength, *TUNED)
+            if name in learners
+        ),
         backend="numba",
     )
     assert study.page(RESULTS / folder).markdown == (RESULTS / folder / "benchmark.md").read_text()
