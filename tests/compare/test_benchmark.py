@@ -156,7 +156,11 @@ def test_learners_with_too_few_robots_for_a_test_are_all_bold():
 
 
 TUNED = ("rate=0.000102", "discount=0.849", "epsilon=0.0646", "epsilon_steps=29900")
-METHODS = {"dqn_l2": "decay=1e-6", "dqn_centred": "pace=1e-5"}
+METHODS = {
+    "dqn_l2": ("decay=1e-6", *TUNED),
+    "dqn_centred": ("pace=1e-5", *TUNED),
+    "dqn_shrink_perturb": ("noise=1e-5", *TUNED, "decay=1e-6"),
+}
 
 
 @pytest.mark.slow
@@ -171,9 +175,8 @@ def test_kept_pages_are_made_again_from_runs_that_lack_networks(folder, lives, l
         tuned=tuple((RESULTS / "tuned").iterdir()),
         set=tuple(
             f"{name}.{setting}"
-            for name, strength in METHODS.items()
-            for setting in (strength, *TUNED)
-            if name in learners
+            for name in METHODS.keys() & set(learners)
+            for setting in METHODS[name]
         ),
         backend="numba",
     )
