@@ -139,7 +139,8 @@ class NoisePatterns:
           connections: Number N of connections of a robot's memory that can be noisy.
           share: Share of the N connections that are noisy in a pattern, in [0, 1].
           noise: Magnitude of the noise, which is added to or subtracted from a noisy connection.
-          generator: Random stream of all draws: noisy connections, signs, each idea's pattern.
+          generator: Random stream that draws the noisy connections, the signs of their noise, and
+            the pattern of each idea.
           robots: Number B of robots if each robot has fixed noisy connections; 0 if they are
             drawn anew for each idea.
         """
@@ -205,7 +206,7 @@ class HeldNoisePatterns:
         Args:
           patterns: Noise patterns from which the held ones are drawn.
           count: Number of patterns that are held: one for each idea of each robot.
-          steps: Number of steps for which a pattern is held; 0 for life.
+          steps: Number of steps for which a pattern is held; 0 to hold it for the whole life.
         """
         self._patterns = patterns
         self._steps = steps

@@ -35,7 +35,7 @@ class SensorLayout:
     Attributes:
       distances: Indices of the four rangefinders' distances in [m], in the order of `RANGEFINDERS`;
         a distance is -1 for no hit.
-      touch: Indices of the force on the rim in [N].
+      touch: Indices at which the force on the rim, in newtons, is found.
       smell: Indices of the spot's centre in the frame of the nose: its distances ahead, to the
         left and up, in [m].
     """
