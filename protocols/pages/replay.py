@@ -31,7 +31,8 @@ from ..runs.cohort import Cohort, compiled_life, make_agent
 from ..runs.conditions import CohortKey, Condition
 from ..runs.device import decide
 from ..runs.experiment import Experiment
-from ..runs.run import Run, When
+from ..runs.run import ConditionResults, Run, When
+from ..terminal import notice
 
 if TYPE_CHECKING:
     from ..agents.ppo import Policies
@@ -236,13 +237,13 @@ class Relived:
 
     @classmethod
     def at(cls, run: Run, condition: Condition, robot: int, minute: float) -> Relived:
-        """Simulates the life of a robot up to `minute`.
+        """Simulates the life of a robot up to `minute`, and says if it differs from the run's.
 
         Raises:
           InputError: there is no such robot or minute, the agent is not trusted, the robot has
             other dimensions than the model that is drawn, or its run used a GPU or MuJoCo Warp.
         """
-        StoredRobot(run, condition, robot, "post").row()
+        row = StoredRobot(run, condition, robot, "post").row()
         experiment = run.experiment
         _check_drawn(experiment)
         if experiment.on_tensors:
@@ -257,6 +258,14 @@ class Relived:
         cohort = Cohort(experiment, CohortKey(condition, robot // experiment.cohort_size))
         for _ in tracked(range(math.ceil(minute)), f"living {minute:g} minutes"):
             cohort.advance(min(control_steps(1), steps - cohort.step))
+        lived = ConditionResults.of(experiment, condition, cohort.lives()).curves
+        whole = int(minute)  # minutes that can be compared
+        number = robot % experiment.cohort_size
+        if (lived[number, :whole] != run.results[condition].curves[row, :whole]).any():
+            notice(
+                f"robot {robot} lives otherwise than in the run: this version or this processor "
+                "computes or rounds differently"
+            )
         return cls(life.task, _driver(condition, robot), life.event, cohort, robot)
 
     @property

@@ -28,6 +28,14 @@ from musebot.tasks.lives import STAGES, UPPER_LEFT, UPPER_RIGHT, Life, Phase
 from musebot.tasks.suite import TASKS
 from musebot.tasks.world import World
 
+
+def lived(experiment, condition):
+    """Returns a run of one cohort, and the cohort at the end of its life."""
+    cohort = Cohort(experiment, CohortKey(condition, 0))
+    cohort.advance(cohort.steps)
+    return Run("own", experiment, results_of(experiment, {condition: cohort.lives()})), cohort
+
+
 # ---- Policies ----
 
 
@@ -107,6 +115,17 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
             Relived.at(run, condition, 1, minute)
 
 
+def test_a_robot_that_lives_otherwise_than_in_its_run_is_told(capsys):
+    experiment = Experiment(cohort_size=3, body="kinematic", time_scale=0.015)
+    run, _ = lived(experiment, condition := Condition("wall_avoidance", "fixed"))
+    for minute, told in ((0, False), (2, False), (0.9, False), (1, True)):
+        run.results[condition].curves[1, 0] += told
+        Relived.at(run, condition, 0, minute)
+        assert not capsys.readouterr().err
+        Relived.at(run, condition, 1, minute)
+        assert ("robot 1 lives otherwise than in the run" in capsys.readouterr().err) == told
+
+
 def test_a_life_can_be_filmed_from_every_minute_before_its_end(run):
     condition = Condition("wall_avoidance", "creative")
     last = len([*Relived.at(run, condition, 1, 0).moments()]) - 1  # control steps
@@ -144,9 +163,7 @@ def test_an_episode_ends_where_the_test_places_the_robot_again():
     phases = tuple(Phase(stage, 0.03, False, every_minutes=0.01) for stage in STAGES)
     life = Life("mine", "Mine", "wall_avoidance", phases, wanted=False)
     experiment = Experiment(cohort_size=1, body="kinematic", life=life)
-    cohort = Cohort(experiment, CohortKey(condition := Condition("mine", "fixed"), 0))
-    cohort.advance(cohort.steps)
-    run = Run("own", experiment, results_of(experiment, {condition: cohort.lives()}))
+    run, _ = lived(experiment, condition := Condition("mine", "fixed"))
     assert StoredRobot(run, condition, 0, "post").episode().seconds == pytest.approx(0.6)
 
 
@@ -173,9 +190,7 @@ def test_a_stored_robot_does_what_it_did_in_the_run(name, signals):
     condition = robots_named("spot_finding", None if name else "fixed", name)
     if name is None:
         experiment = dataclasses.replace(experiment, brain=BRAINS["steady"])
-    cohort = Cohort(experiment, CohortKey(condition, 0))
-    cohort.advance(cohort.steps)
-    run = Run("own", experiment, results_of(experiment, {condition: cohort.lives()}))
+    run, cohort = lived(experiment, condition)
     robot = StoredRobot(run, condition, 1, "post")
     again, random = robot.act(), np.random.default_rng(0)
     cohort.agent.reset()
@@ -196,9 +211,7 @@ def test_films_name_the_event_of_the_life():
         phases = tuple(Phase(stage, 0.01, False, world=world) for stage in STAGES)
         life = Life("mine", "Mine", task, phases, wanted=task != "wall_avoidance")
         experiment = Experiment(cohort_size=1, body="kinematic", life=life)
-        cohort = Cohort(experiment, CohortKey(condition := Condition("mine", "fixed"), 0))
-        cohort.advance(cohort.steps)
-        run = Run("own", experiment, results_of(experiment, {condition: cohort.lives()}))
+        run, _ = lived(experiment, condition := Condition("mine", "fixed"))
         robot = StoredRobot(run, condition, 0, "post")
         assert robot.episode().event == Relived.at(run, condition, 0, 0.0).event == event
 
