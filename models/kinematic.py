@@ -23,8 +23,9 @@ Felt = Literal["near", "pushed"]
 Path = Literal["arc", "euler"]
 
 # Friction force of the loaded tyres divided by the loss of motor force per speed, in [m/s]: a wall
-# straight ahead slows the wheels by up to this speed (docs/physics.md).
-GRIP = 0.436
+# straight ahead slows the wheels by up to this speed (docs/physics.md). It is that of the model's
+# motors, whose top speed is `GRIP_SPEED`; see `grip`.
+GRIP, GRIP_SPEED = 0.436, 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,12 +121,20 @@ def drive(
         held = start + share * step
         if how.wall == "slips":
             met = (shares <= share) & (share < 1)
-            held = held + slip((1 - share) * step, met, (1 - share) * seconds)
+            held = held + slip((1 - share) * step, met, grip(size) * ((1 - share) * seconds))
         reached = xp.minimum(xp.maximum(held, -room), room)
     return xp.stack([*reached, poses[:, 2] + turn]).T, pushing
 
 
-def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+def grip(size: Dimensions) -> float:
+    """Returns the speed that friction takes from the wheels at a wall straight ahead, in [m/s].
+
+    Faster motors of the same torque lose less force per speed, so that friction takes more speed.
+    """
+    return GRIP * (size.motor_speed / GRIP_SPEED)
+
+
+def slip(lost: np.ndarray, into: np.ndarray, held: np.ndarray) -> np.ndarray:
     """Returns how far robots slip along a wall, by Coulomb's law: x, y in [m], shape (2, B).
 
     The tyres slip perpendicular to the wall; their friction slows the wheels (docs/physics.md).
@@ -135,12 +144,13 @@ def slip(lost: np.ndarray, into: np.ndarray, seconds: np.ndarray) -> np.ndarray:
       lost: Displacement that the wall prevents: x, y in [m], shape (2, B).
       into: Booleans, shape (2, B). Row 0: whether the wall that the robot meets limits x. Row 1:
         whether it limits y. In a corner, both are true.
-      seconds: Duration of driving into the wall in [s], shape (B,).
+      held: Distance that friction takes from the wheels at a wall straight ahead: `grip` times the
+        duration of driving into the wall, in [m], shape (B,).
     """
     xp = namespace(lost)
     length, ahead = (xp.hypot(*part) for part in (lost, replaced(lost, ~into, 0.0)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        kept = at_least(1 - GRIP * seconds * ahead / (length * length), 0.0)
+        kept = at_least(1 - held * ahead / (length * length), 0.0)
     return replaced(replaced(lost, into, 0.0) * kept, length == 0, 0.0)
 
 

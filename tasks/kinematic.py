@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import ModuleType
 from typing import Any
 
 import mujoco
@@ -12,12 +11,12 @@ import numpy as np
 from ..models import ARENA_XML, Dimensions, Kinematics, add_velocity, hide_spot
 from ..models.arrays import namespace
 from ..models.kinematic import (
-    GRIP,
     WALLS,
     distances,
     drive,
     follow_motors,
     gaps,
+    grip,
     spot_from_nose,
 )
 from .arena import Edit, TaskDefinition
@@ -34,6 +33,7 @@ class KinematicBatch(Robots):
     Attributes:
       kinematics: Settings of the simulator: body, walls, contact, lag and path.
       velocity: Index of the speed ahead in `sensordata`; None for robots that do not sense it.
+      compiled: Whether Numba computes the steps, see `compile`.
     """
 
     def __init__(
@@ -49,13 +49,8 @@ class KinematicBatch(Robots):
         self._touch = np.zeros(robots)
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, "velocity")
         self.velocity = int(model.sensor_adr[sensor]) if sensor >= 0 else None
-        self._equations: ModuleType | None = None
+        self.compiled = False
         self.place(np.arange(robots), self._poses)
-
-    @property
-    def compiled(self) -> bool:
-        """Whether Numba computes the steps, see `compile`."""
-        return self._equations is not None
 
     def compile(self) -> None:
         """Lets Numba compute the next steps, if its equations fit the sensors of these robots."""
@@ -64,7 +59,7 @@ class KinematicBatch(Robots):
         layout = self.rules.layout
         places = layout.distances.start, layout.touch.start, layout.smell.start
         if places == (equations.DISTANCES, equations.TOUCH, equations.SMELL):
-            self._equations = equations
+            self.compiled = True
             self._numbers = numbers_of(self.dimensions, self.kinematics)
 
     def compiled_arguments(self) -> tuple[Any, Any, Any]:
@@ -104,8 +99,10 @@ class KinematicBatch(Robots):
     def step(self, motors: np.ndarray) -> None:
         motors = np.clip(self._finite_motors(motors), -0.5, 0.5)
         before = self._poses.copy()
-        if self._equations:
-            self._equations.move_all(*self.compiled_arguments(), motors)
+        if self.compiled:
+            from ..compiled_equations import move_all
+
+            move_all(*self.compiled_arguments(), motors)
         else:
             self._poses[:], self._wheels[:], self._touch[:] = after_control_step(
                 before, self._wheels, motors, self.kinematics, self.dimensions
@@ -158,7 +155,8 @@ def numbers_of(size: Dimensions, how: Kinematics) -> tuple[Any, Any]:
     )
     felt = how.felt == "pushed", how.any_contact
     path = how.path == "arc", seconds, how.pieces
-    return tuple(map(float, body)), (WALLS.index(how.wall), *felt, *path, (late, behind), GRIP)
+    at_wall = grip(size)
+    return tuple(map(float, body)), (WALLS.index(how.wall), *felt, *path, (late, behind), at_wall)
 
 
 def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:

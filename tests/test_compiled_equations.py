@@ -99,9 +99,11 @@ WORLDS = st.builds(
 @settings(max_examples=20, deadline=None)
 @given(WORLDS, st.sampled_from(TASKS), st.sampled_from(["inverse", "printed"]), st.data())
 def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
-    batch = make_kinematic_batch(task, 40, how, nose=nose)
-    twin = make_kinematic_batch(task, 40, how, nose=nose)
+    speed = data.draw(st.sampled_from([None, 0.1, 0.4]))
+    batch = make_kinematic_batch(task, 40, how, nose=nose, motor_speed=speed)
+    twin = make_kinematic_batch(task, 40, how, nose=nose, motor_speed=speed)
     twin.compile()
+    twin = copy.deepcopy(twin)
     assert compilable(twin) and not compilable(batch)
     angle = data.draw(st.sampled_from([0.0, 90.0, 180.0])) if task != "wall_avoidance" else 0.0
     for robots in (batch, twin):

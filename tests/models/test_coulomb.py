@@ -13,7 +13,7 @@ import pytest
 from coulomb import GRAVITY, PlanarRobot, closed_form, drive
 
 from musebot.models import Dimensions, arena_spec, robot_pose, robot_qpos
-from musebot.models.kinematic import GRIP
+from musebot.models.kinematic import grip
 
 ANGLES = np.array([30, 50, 60, 65, 70, 75, 80, 85, 88])  # from head-on, in [deg]
 PAIRS = ((0.5, 0.5), (0.5, 0.4), (0.3, 0.3))
@@ -68,9 +68,9 @@ class Driven:
 
 
 @functools.cache
-def planar():
+def planar(motor_speed=None):
     """Returns the planar robot with the numbers of the compiled model."""
-    model = arena_spec().compile()
+    model = arena_spec(motor_speed=motor_speed).compile()
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     inside = np.flatnonzero(model.body_rootid == model.body("robot").id)
@@ -165,7 +165,9 @@ def test_the_loads_at_rest_are_those_of_the_page():
     np.testing.assert_allclose(loads[:2], (planar().mass * GRAVITY - HELD) / 2, rtol=0.02)
     np.testing.assert_allclose(loads[2:], HELD / 2, rtol=0.1)
     # What the kinematic simulator's slip holds of it: both tyres' friction over both motors' drag.
-    assert pytest.approx(planar().friction * loads[0] / planar().drag, rel=0.01) == GRIP
+    for speed in (None, 0.05, 0.4):
+        robot, size = planar(speed), Dimensions.of(arena_spec(motor_speed=speed).compile())
+        assert pytest.approx(robot.friction * loads[0] / robot.drag, rel=0.01) == grip(size)
 
 
 def test_robots_drive_as_the_oracle():

@@ -8,7 +8,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from musebot.models import Dimensions, arena_spec
-from musebot.models.kinematic import GRIP, WALLS, Kinematics, drive, gaps
+from musebot.models.kinematic import WALLS, Kinematics, drive, gaps, grip
 
 SIZE = Dimensions.of(arena_spec().compile())
 ROOM = np.array([SIZE.half_length, SIZE.half_width]) - SIZE.radius
@@ -91,7 +91,7 @@ def test_a_robot_can_reverse_from_a_wall():
 @given(st.floats(0.05, 0.5), st.floats(0, 89), st.sampled_from([-1, 1]))
 def test_a_robot_slips_along_a_wall_as_coulombs_law_says(motor, degrees, side):
     angle, speed = np.radians(degrees), 2 * SIZE.motor_speed * motor
-    slipped = max(0.0, speed - GRIP * np.cos(angle)) * np.sin(angle) * 0.1
+    slipped = max(0.0, speed - grip(SIZE) * np.cos(angle)) * np.sin(angle) * 0.1
     for turned in (0, np.pi):  # ahead and backwards
         moved = driven(
             (ROOM[0], 0.0, turned + side * angle),
