@@ -54,6 +54,9 @@ class Physics(mujoco.Physics):
                     mj.mj_step(model, data, steps)
             finally:
                 model.opt.disableflags = flags
+        # MuJoCo leaves places of bodies, cameras and lights as they were before the last substep.
+        for update in (mj.mj_kinematics, mj.mj_comPos, mj.mj_camlight):
+            update(model, data)
 
     def robot_pose(self) -> np.ndarray:
         """Returns the robot's x, y in [m] and heading in [rad], shape (3,)."""
