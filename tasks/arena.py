@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
+import zlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict, Unpack
@@ -59,6 +60,8 @@ class Task(base.Task):
       start: Places of robot and spot at the start of the next episode.
       steps: Number of control steps of this episode so far.
       world: World of the present phase in a life; the default world in ordinary episodes.
+      ended: Rules and measurements with which the last control step ended, before a new stretch of
+        a life began.
     """
 
     def __init__(self, rules: Rules, episode: Episode, random: Random | int | None) -> None:
@@ -71,6 +74,7 @@ class Task(base.Task):
         self.episode = episode
         self.start = episode.start
         self.steps = 0
+        self.ended = rules, np.zeros((1, 0))
         self._shell: np.ndarray | None = None
 
     def reseed(self, random: Random) -> None:
@@ -128,17 +132,21 @@ class Task(base.Task):
         )
 
     def get_reward(self, physics: Physics) -> float:
-        return float(self.rules.checked_reward(physics.readings).item())
+        """Returns the reward of the last control step, in the world in which it took place."""
+        del physics
+        rules, readings = self.ended
+        return float(rules.checked_reward(readings).item())
 
     def after_step(self, physics: Physics) -> None:
         """Checks the physics; begins the next stretch of a life when it is due."""
-        self.check(physics)
+        self.end_step(physics)
         if leg := self.episode.leg_from(self.steps):
             self._begin(leg.phase, physics)
 
-    def check(self, physics: Physics) -> None:
+    def end_step(self, physics: Physics) -> None:
         """Checks the physics, see `Physics.check_sound`; shows the reward if that is wanted."""
         physics.check_sound()
+        self.ended = self.rules, physics.readings.copy()
         if self._visualize_reward:
             largest = max(map(abs, self.rules.rewards)) or 1.0
             reward = abs(self.get_reward(physics)) / largest
@@ -178,7 +186,7 @@ class Environment(control.Environment):
         timestep = super().reset()
         self.lifecycle.become("failed")  # until the pose has been found stable
         # Not in `initialize_episode`, which is called before the pose is in the sensors.
-        self.task.check(self.physics)
+        self.task.end_step(self.physics)
         self.lifecycle.become("running")
         return timestep
 
@@ -242,7 +250,7 @@ class Environment(control.Environment):
         episode = self.task.episode
         if episode.life:
             self.task.enter(episode.leg_of(self.task.steps).phase.world, self.physics)
-        self.task.check(self.physics)
+        self.task.end_step(self.physics)
         self.lifecycle.become("running")
 
     @property
@@ -355,22 +363,35 @@ class TaskDefinition(Checked):
         limit = seconds(next(value for value in limits if value is not None))
         physics = Physics.from_model(MjModel(self.spec().compile()))
         start = Start(settings.get("robot"), settings.get("spot"))
-        rules = self.rules.of(physics.model.ptr, settings.get("nose", "inverse"))
-        episode = self.episode(start, physics.dimensions, steps_until(limit), rules)
+        nose = settings.get("nose", "inverse")
+        rules = self.rules.of(physics.model.ptr, nose)
+        episode = self.episode(start, physics.dimensions, steps_until(limit), rules, nose)
         task = Task(rules, episode, settings.get("random"))
         return Environment(physics, task, bool(kwargs.get("flat_observation", False)))
 
-    def episode(self, start: Start, dimensions: Dimensions, steps: float, rules: Rules) -> Episode:
-        """Returns an episode of at most `steps` steps; ValueError if its life is impossible."""
+    def episode(
+        self, start: Start, dimensions: Dimensions, steps: float, rules: Rules, nose: NoseForm
+    ) -> Episode:
+        """Returns an episode of at most `steps` steps; ValueError if its life is impossible.
+
+        Its name also tells forms of the smell apart, and lives of equal names.
+        """
+        name = self.name if nose == "inverse" else f"{self.name}, nose {nose}"
         if self.life:
             self.life.check(rules, dimensions)
-        length = sum(self.life.steps()) if self.life else math.inf
-        return Episode(
-            self.name, start, dimensions, self.limit, self.spot_steps, min(steps, length), self.life
-        )
+            name += f", life {zlib.crc32(repr(self.life).encode()):08x}"
+            steps = min(steps, sum(self.life.steps()))
+        return Episode(name, start, dimensions, self.limit, self.spot_steps, steps, self.life)
 
     def of_life(self, life: Life) -> TaskDefinition:
-        """Returns a copy of the task in which every episode is a whole life."""
+        """Returns a copy of the task in which every episode is a whole life.
+
+        Raises ValueError for a task in which the spot jumps.
+        """
+        if self.spot_seconds:
+            raise ValueError(
+                f"a life cannot have the task {self.name}, whose spot jumps: set every_minutes"
+            )
         own: Any = {"name": f"life_{life.name}", "life": life, "limit": 1.0}
         return dataclasses.replace(self, **own, time_limit=math.inf, spot_seconds=0.0)
 

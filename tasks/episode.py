@@ -37,7 +37,8 @@ class Episode:
     """An episode of a task.
 
     Attributes:
-      task: Name of the task; states of another task are refused.
+      task: Name of the task and, if it is not the usual one, of the form of the smell; for a life,
+        also a checksum of its phases. States of another task are refused.
       start: Places of robot and spot at the start, fixed or random.
       dimensions: Dimensions of robot, arena and spot, which decide the possible places.
       limit: Bound of an action's two numbers: `limit` gives motor value 0.5, `-limit` gives -0.5.

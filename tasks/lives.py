@@ -334,10 +334,10 @@ BODY = _changing("body", "Changing body", [World(), _LEFT_REVERSED, _NOSE_BEHIND
 DRIFT = _changing(
     "drift", "Drifting body", [_turned(2 * math.pi * turn / _TURNS) for turn in range(_TURNS)]
 )
-TASKS = _changing("tasks", "Changing task", [World(), _DRIVING] * 6, "spot_or_driving")
+CHANGING_TASK = _changing("tasks", "Changing task", [World(), _DRIVING] * 6, "spot_or_driving")
 SENSES = _changing("senses", "Changing senses", [World(), _NOSE_INVERTED] * 6)
 
-CHANGING = (BODY, DRIFT, TASKS, SENSES)
+CHANGING = (BODY, DRIFT, CHANGING_TASK, SENSES)
 LIVES: Mapping[str, Life] = MappingProxyType(
     {life.name: life for life in (WALL_AVOIDANCE, SPOT_FINDING, WALLS_SENSED, *CHANGING)}
 )
@@ -375,8 +375,7 @@ def life_from(fields: Any) -> Life:
 def _phase_from(fields: Any) -> Phase:
     own = _known(fields, Phase, "a phase")
     if "world" in own:
-        world = _known(own["world"], World, "a world")
-        own["world"] = World(**{name: _tuples(value) for name, value in world.items()})
+        own["world"] = World(**_known(own["world"], World, "a world"))
     return Phase(**own)
 
 
@@ -389,7 +388,3 @@ def _known(fields: Any, cls: type, what: str) -> dict[str, Any]:
         if name not in names:
             raise ValueError(f"{what} has the fields {', '.join(names)}, got {name!r:.60}")
     return dict(fields)
-
-
-def _tuples(value: Any) -> Any:
-    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

@@ -41,7 +41,9 @@ class World(Checked):
     rewarded: Rewarded = choice("task", Rewarded)
 
     def __post_init__(self) -> None:
-        """Raises ValueError where a value is not allowed."""
+        """Turns lists, as files have them, into tuples; ValueError if a value is not allowed."""
+        for name in ("wheels", "sensors"):
+            object.__setattr__(self, name, _tuples(getattr(self, name)))
         super().__post_init__()
         if len(self.wheels) != len(_UNCHANGED):
             raise ValueError(f"wheels must be 4 numbers, got {self.wheels}")
@@ -55,13 +57,14 @@ class World(Checked):
     def motors(self, motors: Any) -> Any:
         """Returns what the wheels receive for motor values, both of shape (..., 2).
 
-        Motor values are clipped to [-0.5, 0.5] first, if the world changes them.
+        If the world changes motor values, both are clipped to [-0.5, 0.5].
         """
         if self.wheels == _UNCHANGED:
             return motors
         left, right = np.moveaxis(np.clip(motors, -0.5, 0.5), -1, 0)
         a, b, c, d = self.wheels  # no product of matrices: its rounding depends on the shape
-        return np.stack([a * left + b * right, c * left + d * right], axis=-1)
+        wired = np.stack([a * left + b * right, c * left + d * right], axis=-1)
+        return np.clip(wired, -0.5, 0.5)
 
     def rules(self, rules: Rules, nose: float) -> Rules:
         """Returns a task's rules in this world.
@@ -75,6 +78,10 @@ class World(Checked):
         if self == World():
             return rules
         return WorldRules(rules.layout, rules, self, nose)
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value
 
 
 def _is_sensor(entry: Any) -> bool:

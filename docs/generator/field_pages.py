@@ -11,7 +11,7 @@ from musebot.controller import BRAINS, Parameters
 from musebot.fields import described
 from musebot.models.kinematic import Kinematics
 from musebot.protocols.runs.experiment import Experiment
-from musebot.tasks.gymnasium_env.common import INFO
+from musebot.tasks.gymnasium_env.common import INFO, LIFE_INFO
 
 
 def pages() -> dict[str, str]:
@@ -71,10 +71,11 @@ All fields of `musebot.protocols.runs.experiment.Experiment`: the section
 
 
 def _info() -> str:
-    rows = [(f"`{name}`", meaning) for name, meaning in INFO.items()]
+    rows = [(f"`{name}`", meaning) for name, meaning in {**INFO, **LIFE_INFO}.items()]
     return f"""# Entries of `info`
 
 What `reset` and `step` of Gymnasium's environments return as `info`. In a batch
-(`make_vec`) each entry is an array with a row for every robot.
+(`make_vec`) each entry is an array with a row for every robot. The last {len(LIFE_INFO)} are of
+[lives](../lives.md) only.
 
 {table(("entry", "meaning"), rows)}"""

@@ -61,8 +61,10 @@ def _plain(name: Any) -> Any:
 # Further entries of `info` in a life.
 LIFE_INFO: Mapping[str, str] = {
     "phase": "number of the phase in which the next step is, from 0",
+    "learning": "whether the robot learns in this phase; False in a test",
+    "placed": "whether the robot was placed after this step",
     "changed": "whether the world changed after this step",
-    "reached": "whether what the world rewards is reached: the robot is in the spot, or drives",
+    "reached": "whether this step reached what its world rewarded: a robot in the spot, or driving",
 }
 
 
@@ -84,8 +86,14 @@ def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
 def life_info(episode: Episode, step: int, reached: Any) -> dict[str, Any]:
     """Returns the entries of `LIFE_INFO` after `step` control steps of a life."""
     leg = episode.leg_of(step)
-    changed = leg.changes_world and leg.start == step
-    return {"phase": leg.number, "changed": changed, "reached": reached}
+    begins = leg.start == step
+    return {
+        "phase": leg.number,
+        "learning": leg.phase.learning,
+        "placed": begins and leg.phase.robot is not None,
+        "changed": begins and leg.changes_world,
+        "reached": reached,
+    }
 
 
 def check_render_mode(render_mode: Any, modes: Sequence[str]) -> None:

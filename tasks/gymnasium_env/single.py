@@ -180,9 +180,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
         environment = self._environment
         rest = dict(state) if isinstance(state, Mapping) else {}
-        own = {name: rest.pop(name, None) for name in ("counts", "seed", "options")}
-        check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
+        own = {name: rest.pop(name) for name in ("counts", "seed", "options") if name in rest}
         environment.check_state(rest, self.np_random)
+        check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
         check_counts("counts", own["counts"], [rest["steps"]] * 2)
         self.options = own["options"]
         environment.task.reseed(self.np_random)
@@ -194,21 +194,16 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _info(self, steps: int) -> dict[str, Any]:
         """Returns the entries of `INFO`, after `steps` further control steps (0 or 1)."""
-        physics = self._environment.physics
+        physics, task = self._environment.physics, self._environment.task
         # Scalars of Python: a few small arrays would cost as much as a tenth of the step.
         x, y, _, w, i, j, k = physics.qpos.tolist()[:7]
-        readings, layout = physics.readings[0].tolist(), self._layout
-        contact = readings[layout.touch.start] > 0
-        ahead, left = readings[layout.smell.start], readings[layout.smell.start + 1]
-        in_spot = math.sqrt(ahead * ahead + left * left) < self._radius
-        counts = self._counts
-        counts[0] += steps * contact
-        counts[1] += steps * in_spot
-        task = self._environment.task
-        of_life = {}
+        rules, ended = task.ended
+        counts, of_life = self._counts, {}
+        for number, holds in enumerate(self._events(ended)):
+            counts[number] += steps * holds
         if task.episode.life:
-            reached = bool(task.rules.event(physics.readings)[0])
-            of_life = life_info(task.episode, task.steps, reached)
+            of_life = life_info(task.episode, task.steps, bool(rules.event(ended)[0]))
+        contact, in_spot = self._events(physics.readings)
         return {
             "position": np.array([x, y]),
             "heading": float(heading(w, i, j, k)),
@@ -219,6 +214,13 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "in_spot_steps": counts[1],
             **of_life,
         }
+
+    def _events(self, readings: np.ndarray) -> tuple[bool, bool]:
+        """Returns whether the robot is in contact, and whether it is in the spot."""
+        sensed, layout = readings[0].tolist(), self._layout
+        ahead, left = sensed[layout.smell.start], sensed[layout.smell.start + 1]
+        inside = math.sqrt(ahead * ahead + left * left) < self._radius
+        return sensed[layout.touch.start] > 0, inside
 
     def _show(self) -> None:
         if self.render_mode == "human":

@@ -117,7 +117,7 @@ class ArenaVectorEnv(RobotAttributes):
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
         rules, size = self._batch.rules, self._batch.dimensions
-        self._usual = definition.episode(Start(**kwargs), size, steps, rules)
+        self._usual = definition.episode(Start(**kwargs), size, steps, rules, nose)
         self.options = {}
         self.single_observation_space, self.single_action_space = spaces(rules, definition.limit)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -132,6 +132,7 @@ class ArenaVectorEnv(RobotAttributes):
         self._randoms, self._seeds = map(list, zip(*streams, strict=True))
         self._steps = np.zeros(num_envs, dtype=np.int64)  # so far in each robot's episode
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
+        self._reached = np.zeros(num_envs, dtype=bool)  # whether the last step did, in a life
         self._over = np.zeros(num_envs, dtype=bool)
 
     def reset(
@@ -173,7 +174,7 @@ class ArenaVectorEnv(RobotAttributes):
         self._begin(np.flatnonzero(mask), start)
         self._over[mask] = False
         self._lifecycle.become("running")
-        return self._states(), self._info(mask)
+        return self._observations(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> _Timestep:
         """Simulates 0.1 s for the robots' left and right actions, shape (B, 2).
@@ -208,21 +209,22 @@ class ArenaVectorEnv(RobotAttributes):
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
+        self._counts += self._events()
+        self._reached = self._reaches()
+        rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         # Robots of a life begin together; the call that starts them is no step of an episode.
         if not len(starting) and (leg := self._episode.leg_from(int(self._steps[0]))):
             self._enter(leg, np.arange(self.num_envs))
-        self._counts += self._events()
-        rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
         if len(starting):
             self._begin(starting, self._episode.start)
             rewards[starting] = 0.0
         self._over = self._steps >= self._episode.steps
-        truncations, observations, info = self._over.copy(), self._states(), {}
+        truncations, observations, info = self._over.copy(), self._observations(), {}
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
             info = final_info(observations, self._over.copy(), self._info(self._over))
             self._begin(np.flatnonzero(self._over), self._episode.start)
             self._over[:] = False
-            observations = self._states()
+            observations = self._observations()
         info |= self._info()
         return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
 
@@ -352,13 +354,14 @@ class ArenaVectorEnv(RobotAttributes):
         self._check_sound(np.isfinite(self._batch.sensordata).all(axis=1))
         self._steps[robots] = 0
         self._counts[:, robots] = 0
+        self._reached[robots] = self._reaches()[robots]
 
     def _enter(self, leg: Leg, robots: np.ndarray) -> None:
         """Begins a stretch of a life, with places drawn from the robots' own streams."""
         for robot in robots.tolist():
             place(self._batch, leg.phase, self._randoms[robot], np.array([robot]))
 
-    def _states(self) -> np.ndarray:
+    def _observations(self) -> np.ndarray:
         return self._batch.rules.state(self._batch.sensordata).astype(np.float32)
 
     def _events(self) -> np.ndarray:
@@ -366,6 +369,12 @@ class ArenaVectorEnv(RobotAttributes):
         readings, layout = self._batch.sensordata, self._batch.rules.layout
         touched = readings[:, layout.touch][:, 0] > 0
         return np.stack([touched, self._nose.inside(readings[:, layout.smell])])
+
+    def _reaches(self) -> np.ndarray:
+        """Returns whether each robot reaches what its world rewards, shape (B,)."""
+        if not self._episode.life:
+            return self._reached
+        return self._batch.rules.event(self._batch.sensordata)
 
     def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
         """Returns the entries of `INFO`, each with a mask, as Gymnasium's own batches do.
@@ -383,8 +392,7 @@ class ArenaVectorEnv(RobotAttributes):
             "in_spot_steps": self._counts[1].copy(),
         }
         if self._episode.life:
-            reached = self._batch.rules.event(self._batch.sensordata)
-            own = life_info(self._episode, int(self._steps[0]), reached)
+            own = life_info(self._episode, int(self._steps[0]), self._reached.copy())
             entries |= {name: np.full(self.num_envs, value) for name, value in own.items()}
         mask = np.ones(self.num_envs, dtype=bool) if robots is None else robots.copy()
         if robots is not None:

@@ -12,6 +12,7 @@ from torch import Tensor
 
 from ..batch import Robots
 from ..kinematic import KinematicBatch, after_control_step, measure, measure_speed
+from ..world import World
 from .capture import Captured
 
 
@@ -26,8 +27,12 @@ class TensorRobots(Robots):
     _MOTORS: ClassVar[torch.dtype]  # type of motor values
 
     def __init__(self, batch: Robots) -> None:
-        """Takes over the robots of a batch, which is not to be used any more."""
+        """Takes over the robots of a batch, which is not to be used any more.
+
+        Raises ValueError if the batch has entered another world than the default one.
+        """
         super().__init__(batch.robots, batch.rules, batch.dimensions, batch.sensordata.shape[1])
+        self.enter(batch.world)
         self._host = batch
         self._device = torch.get_default_device()
         self._bounds = self._constant(batch.dimensions.bounds)
@@ -48,6 +53,11 @@ class TensorRobots(Robots):
     def spot(self) -> np.ndarray:
         self._fetch()
         return self._host.spot
+
+    def enter(self, world: World) -> None:
+        """Raises ValueError for any but the default world."""
+        if world != World():
+            raise ValueError(f"robots on tensors have the default world only, got {world}")
 
     def place(self, robots: np.ndarray, poses: np.ndarray) -> None:
         self._fetch()

@@ -297,6 +297,7 @@ def wrong_states(make, good):
         wrong[f"no {name}"] = {key: one for key, one in good.items() if key != name}
         wrong[f"{name} is an object"] = {**good, name: object()}
     wrong["another task"] = begun(make, "spot_finding", seed=9).env.get_state()
+    wrong["another smell"] = begun(make, nose="printed", seed=9).env.get_state()
     random = good["randoms"][1] if vector else good["random"]
     broken = {**random, "state": "abc"}
     wrong["a random stream"] = (
@@ -381,6 +382,8 @@ def test_a_life_is_alike_in_every_interface_and_ends_once():
         phases.append((ours[4]["phase"][0], ours[4]["changed"][0]))
     assert phases == [(0, False)] * 99 + [(1, True)] + [(1, False)] * (length - 100)
     one = singles[0]
+    namesake = begun(Single, dataclasses.replace(short, phases=short.phases[:1]))
+    assert refusal(namesake.env.set_state, one.env.get_state())[0] is ValueError
     other = begun(Single, short, seed=9)
     other.env.set_state(one.env.get_state())  # that of the last step
     for single in (one, other):
@@ -413,7 +416,11 @@ def test_a_life_takes_no_places_and_its_robots_begin_together():
             assert refusal(make, TWO_WORLDS, **places)[0] is TypeError
             assert refusal(one.reset, options=places)[0] is TypeError
         outside = Phase(robot=(5.0, 5.0, 0.0))
-        for phase, task in ((outside, "spot_finding"), (TWO_WORLDS.phases[2], "wall_avoidance")):
+        for phase, task in (
+            (outside, "spot_finding"),
+            (TWO_WORLDS.phases[2], "wall_avoidance"),
+            (Phase(), JUMPING),
+        ):
             wrong = dataclasses.replace(TWO_WORLDS, task=task, phases=(Phase(), phase))
             assert refusal(make, wrong)[0] is ValueError
         assert refusal(make, dataclasses.replace(TWO_WORLDS, task="dancing"))[0] is ValueError
@@ -428,6 +435,28 @@ def test_a_life_takes_no_places_and_its_robots_begin_together():
             gymnasium.make("musebot/Life-v0", life=life)
     with pytest.raises(TypeError, match="life must be given: one of"):
         gymnasium.make("musebot/Life-v0")
+
+
+def test_the_last_step_of_a_phase_counts_and_earns_in_its_own_world():
+    inside, corner = (0.1, 0.0, 0.0), (-0.4, -0.2, 0.0)
+    phases = (
+        Phase(minutes=0.05, robot=inside, spot=inside[:2]),
+        Phase(minutes=0.05, robot=corner, learning=False, world=World(rewarded="driving")),
+    )
+    one = Single(dataclasses.replace(TWO_WORLDS, phases=phases))
+    one.reset()
+    for step in range(1, 61):
+        _, reward, _, _, info = one.env.step(np.zeros(2))
+        assert reward == pytest.approx(10 / 11 if step <= 30 else 0, abs=1e-3)
+        assert info["in_spot_steps"] == min(step, 30)
+        for name, holds in (
+            ("reached", step <= 30),
+            ("in_spot", step < 30),
+            ("learning", step < 30),
+            ("changed", step == 30),
+            ("placed", step == 30),
+        ):
+            assert info[name] == holds, (step, name)
 
 
 def test_gymnasium_makes_lives_that_its_checker_accepts():

@@ -332,7 +332,7 @@ assert len(PPO("MlpPolicy", robots, n_steps=8, batch_size=8).learn(16).ep_info_b
 # What a process that is started anew does with the name that Gymnasium gives it.
 _FRESH = """
 from musebot.tasks.gymnasium_env import ArenaEnv
-assert ArenaEnv("my_tasks:racing").observation_space.shape == (5,)
+assert ArenaEnv("my_tasks:racing").observation_space.shape == (6,)
 """
 
 
@@ -356,7 +356,7 @@ def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path
         done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
         printed.append(done.stdout)
-    assert printed[0].split("(")[1:] == ["5,) ", "8, 5) ", "8,) 1000\n"]
+    assert printed[0].split("(")[1:] == ["6,) ", "8, 6) ", "8,) 1000\n"]
     assert 0 <= float(printed[0].split()[0]) <= 1
 
 

@@ -16,6 +16,7 @@ from musebot.models import Kinematics
 from musebot.tasks import load, make_batch, make_kinematic_batch
 from musebot.tasks.suite import TASKS
 from musebot.tasks.tensors.robots import KinematicTensors, TensorRobots
+from musebot.tasks.world import World
 
 TASK = "spot_finding_walls"
 BODIES = {
@@ -358,6 +359,9 @@ def test_robots_on_tensors_do_what_the_numpy_robots_do_and_read_no_number(body, 
     assert contacts > 20 and numpy.valid.all()
     with torch.device("meta"):  # it has shapes, but no numbers that could be read
         blind = KinematicTensors(make_kinematic_batch(task, 3, BODIES[body]))
+    blind.enter(World())
+    with pytest.raises(ValueError, match="robots on tensors have the default world only"):
+        blind.enter(World(nose=90.0))
     blind.step(torch.zeros(3, 2, device="meta"))
     assert str(blind.rules.state(blind.sensordata).device) == "meta"
     assert blind.rules.reward(blind.sensordata).shape == (3,)

@@ -49,10 +49,10 @@ def test_the_default_world_changes_nothing(make):
 
 @quick
 @given(worlds, st.lists(st.tuples(shares, shares), min_size=1, max_size=3))
-def test_the_wheels_receive_a_linear_map_of_the_clipped_motors(world, motors):
+def test_the_wheels_receive_a_clipped_linear_map_of_the_clipped_motors(world, motors):
     found = world.motors(np.array(motors))
     clipped = np.clip(motors, -0.5, 0.5)
-    wanted = clipped @ np.reshape(world.wheels, (2, 2)).T
+    wanted = np.clip(clipped @ np.reshape(world.wheels, (2, 2)).T, -0.5, 0.5)
     np.testing.assert_allclose(found, wanted, atol=1e-15)
     np.testing.assert_array_equal(found[-1], world.motors(np.array(motors[-1])))  # one robot
 
@@ -142,6 +142,11 @@ def test_a_world_of_what_the_robot_does_not_sense_is_refused(task, world, senten
     assert type(batch.rules) is TASKS[task].rules
 
 
+def test_lists_as_files_have_them_make_a_world():
+    lists = World(wheels=[-1.0, 0, 0, 1], sensors=[["nose", 0, 1]])
+    assert lists == World(REVERSED.wheels, sensors=(("nose", 0, 1),))
+
+
 @pytest.mark.parametrize(
     ("fields", "sentence"),
     [
@@ -151,7 +156,7 @@ def test_a_world_of_what_the_robot_does_not_sense_is_refused(task, world, senten
         ({"sensors": (("ear", 0, 1),)}, "sensors must be a list of .*got"),
         ({"sensors": (("nose", 0, True),)}, "sensors must be a list of .*got"),
         ({"sensors": (("nose", 0, 2),)}, "sensors must be .* from -1 to 1, got"),
-        ({"sensors": [["nose", 0, 1]]}, "sensors must be a list of .*got"),
+        ({"sensors": [["nose", 0]]}, "sensors must be a list of .*got"),
         ({"sensors": (("nose", 0, 1),) * 2}, "with different names of nose, front"),
     ],
 )
