@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from ...controller import BRAINS, PROPOSERS
 from ...fields import shown, whole
 from ...models import Kinematics
-from ...tasks.lives import BODY, DRIFT, LIVES, TASKS, Life
+from ...tasks.lives import BODY, CHANGING_TASK, DRIFT, LIVES, Life
 from ..agents.factory import factory_of, trust
 from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
 from ..agents.settings import settings_from
@@ -28,7 +28,7 @@ from .study import Page, RunJobs, Study, simulate_runs
 from .tune import LIKE_MUJOCO, read_tunings
 
 LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
-HEADLINE = (BODY.name, TASKS.name, DRIFT.name)
+HEADLINE = (BODY.name, CHANGING_TASK.name, DRIFT.name)
 _BRAINS = "paper", "steady"  # by default; any brain may be given
 # Robots of a cohort. In MuJoCo, 30 can become 60 later; large kinematic cohorts are cheaper.
 _COHORTS: Mapping[str, int] = {"mujoco": 30, "kinematic": 60}
