@@ -132,19 +132,22 @@ class Adaptation:
         return mean, (float(low), float(high))
 
     def slope(self, newborns: Newborns) -> float:
-        """Returns the slope of log2 `relative_recovery` per change of world, by linear regression.
+        """Returns the slope of log2 `relative_recovery` per phase, by linear regression.
 
-        Positive: recovery becomes slower with age, a loss of plasticity.
+        Only phases in worlds that the robot knows count. Positive: recovery becomes slower with
+        age, as by a loss of plasticity, by interference or by overlearning.
         """
-        relative = np.log2(self.relative_recovery(newborns))
-        return float(np.polyfit(np.arange(len(relative)), relative, 1)[0])
+        returns = [k for k, world in enumerate(self.worlds) if world in self.worlds[:k]]
+        relative = np.log2(self.relative_recovery(newborns))[np.array(returns) - 1]
+        return float(np.polyfit(returns, relative, 1)[0])
 
     def savings(self) -> float:
         """Returns the share by which recovery is faster at last visits to worlds than at first.
 
-        NaN if no world returns.
+        The world of birth is left out, in which much of the first visit may be spent exploring.
+        NaN if no other world returns.
         """
-        visits = self._visits()
+        visits = [own for own in self._visits() if own[0] > 0]
         if not visits:
             return float("nan")
         earlier, later = (self.recovery[:, [own[k] for own in visits]].mean() for k in (0, -1))

@@ -54,7 +54,7 @@ _AGENTS = {
     "amortised_q": "Amortised Q-learning: a learned distribution proposes actions.",
     "dqn": "DQN: Q-learning from a memory of the last 50,000 transitions.",
     "dqn_no_replay": "DQN that learns from the last transition only.",
-    "dqn_l2": "dqn_no_replay with decoupled weight decay (L2 towards zero).",
+    "dqn_l2": "dqn_no_replay with decoupled weight decay.",
     "dqn_shrink_perturb": "dqn_no_replay with weights that shrink and receive noise.",
     "dqn_continual": "dqn_no_replay with continual backpropagation.",
     "dqn_centred": "dqn_no_replay with reward centring.",

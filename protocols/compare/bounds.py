@@ -26,6 +26,9 @@ from .jobs import ArrayJob, Arrays, Progress
 ROBOTS, MINUTES = 30, 20
 """Robots and minutes with which each policy is measured in each world."""
 
+UNTRAINED = 300
+"""Robots in each world without training: their networks, and so their shares, differ much."""
+
 MOST = 12  # measured worlds of a life; if it has more, every n-th
 UNTAUGHT = ("untrained", "random")
 
@@ -81,10 +84,11 @@ def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
     life = experiment.life_of(name)
     worlds = len(tried_worlds(life))
     shape = worlds + len(UNTAUGHT), worlds
+    robots = worlds * ((worlds + 1) * ROBOTS + UNTRAINED)
     return ArrayJob(
         out / "bounds" / f"{name}.safetensors",
         functools.partial(measure, experiment, name),
-        float(np.prod(shape)) * _steps(experiment) * CONTROL_TIMESTEP * ROBOTS,
+        robots * _steps(experiment) * CONTROL_TIMESTEP,
         {"shares": ("F64", shape)},
         {"life": dataclasses.asdict(life), "body": experiment.body, "seed": experiment.seed},
     )
@@ -100,20 +104,21 @@ def measure(experiment: Experiment, name: str, progress: Progress) -> Arrays:
     tried = [life.worlds[number] for number in tried_worlds(life)]
     rules, senses = task_definition(life.task).rules, senses_of(life.task)
     lengths = {kind: length for kind, (length, *_) in rules.shapes.items()}
-    policies: list[Callable[[], Agent]] = [
-        *(functools.partial(Informed, world, lengths, senses) for world in tried),
-        lambda: newborn(ROBOTS, senses, experiment.seed),
-        lambda: RandomMotors(senses, experiment.seed),
+    policies: list[tuple[int, Callable[[], Agent]]] = [
+        *((ROBOTS, functools.partial(Informed, world, lengths, senses)) for world in tried),
+        (UNTRAINED, lambda: newborn(UNTRAINED, senses, experiment.seed)),
+        (ROBOTS, lambda: RandomMotors(senses, experiment.seed)),
     ]
     shares = np.zeros((len(policies), len(tried)))
-    seconds = _steps(experiment) * CONTROL_TIMESTEP * ROBOTS
+    done = 0.0
     for column, world in enumerate(tried):
         phase = next(phase for phase in life.phases if phase.world == world)
         phase = dataclasses.replace(phase, minutes=MINUTES * experiment.time_scale)
-        for row, make in enumerate(policies):
-            progress((column * len(policies) + row) * seconds)
+        for row, (robots, make) in enumerate(policies):
+            progress(done)
             one = dataclasses.replace(life, phases=(phase,))
-            shares[row, column] = _share(experiment, one, make())
+            shares[row, column] = _share(experiment, one, make(), robots)
+            done += robots * _steps(experiment) * CONTROL_TIMESTEP
     return {"shares": shares}
 
 
@@ -121,9 +126,9 @@ def _steps(experiment: Experiment) -> int:
     return control_steps(MINUTES * experiment.time_scale)
 
 
-def _share(experiment: Experiment, life: Life, agent: Agent) -> float:
+def _share(experiment: Experiment, life: Life, agent: Agent, robots: int) -> float:
     """Returns the mean share of time at the goal of robots that do not learn."""
-    batch = experiment.batch(life.task, ROBOTS)
+    batch = experiment.batch(life.task, robots)
     random = np.random.default_rng(experiment.seed)
     reached = 0
     for leg in life.legs():
@@ -131,4 +136,4 @@ def _share(experiment: Experiment, life: Life, agent: Agent) -> float:
         for _ in range(leg.start, leg.stop):
             batch.step(decide(agent, batch, False))
             reached += int(batch.rules.event(batch.sensordata).sum())
-    return reached / (ROBOTS * sum(life.steps()))
+    return reached / (robots * sum(life.steps()))

@@ -36,11 +36,19 @@ _MEASURES = (
     f"robots with the lowest. Recovery: minutes until the mean of {WINDOW} minutes is at least "
     f"{RECOVERED:g} of the way to the upper bound, at the last visit of each world, over those of "
     "newborns in the same world; below 1 the old robot is faster. Last: the same after the last "
-    "change only. Slope: change of the logarithm (to base 2) of "
-    "recovery from one change to the next; positive: it learns more slowly with age. Savings: by "
-    "which share recovery is faster at the last return of a world than at the first visit. "
+    "change only. Slope: change of the logarithm (to base 2) of recovery from one phase to the "
+    "next, in worlds that return; positive: recovery becomes slower with age. Savings: by which "
+    "share recovery is faster at the last return of a world, other than that of birth, than at the "
+    "first visit. "
     f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first "
     f"{WINDOW} of the next one."
+)
+
+
+_MINUTES = (
+    "Minutes until old robots recover at the last visit of each world, and minutes of newborns. "
+    "Brackets: the shares of both that never recover; they count with the whole phase, which draws "
+    "the ratio of both numbers towards 1."
 )
 
 
@@ -92,6 +100,8 @@ def page(columns: Sequence[Column], time_scale: float = 1.0) -> Page:
     with style.styled():
         for column in columns:
             lines += [f"## {column.life.title}", "", *table(_measures(column)), ""]
+            if len(column.rows[0].newborns) > 1:
+                lines += [*table(_recovery(column)), "", _MINUTES, ""]
             lines += [*table(_bounds(column.matrix)), ""]
             lines += [f"The best fixed policy reaches {column.matrix.best_fixed:.3f} of the time."]
             lines += [""]
@@ -134,6 +144,26 @@ def _measures(column: Column) -> list[list[str]]:
         cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", *relative, slope, *last]
         rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])
     return rows
+
+
+def _recovery(column: Column) -> list[list[str]]:
+    """Returns the table of recovery in each world of a life, with a row for each learner."""
+    life, count = column.life, len(column.life.worlds)
+    last = [
+        max(k for k, phase in enumerate(life.phases) if phase.world == world)
+        for world in life.worlds
+    ]
+    rows = []
+    for row in column.ranked():
+        cells = [row.name]
+        for phase, newborns in zip(last, row.newborns, strict=True):
+            groups = row.old.recovery[:, phase], newborns
+            minutes = ", ".join(f"{one.mean():.1f}" for one in groups)
+            whole = life.phases[phase].minutes
+            never = ", ".join(f"{100 * (one >= whole).mean():.0f} %" for one in groups)
+            cells.append(f"{minutes} ({never})")
+        rows.append(cells)
+    return [["minutes", *(f"world {number + 1}" for number in range(count))], *rows]
 
 
 def _bounds(matrix: Matrix) -> list[list[str]]:

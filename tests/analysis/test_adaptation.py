@@ -59,7 +59,7 @@ def test_an_old_robot_is_compared_with_newborns_of_the_same_world():
     found = faster([1] * 12)
     newborns = [np.array([minutes]) for minutes in (40, 20, 80)]
     assert found.relative_recovery(newborns).tolist() == [2, 0.5, 1] * 3 + [2, 0.5]
-    slower = faster([2 ** (-1 + k / 8) for k in range(12)])
+    slower = faster([5.0, 0.1, 9.0] + [2 ** (-1 + k / 8) for k in range(9)])  # returns only
     equal = [np.array([40])] * 3
     assert found.slope(equal) == pytest.approx(0)
     assert slower.slope(equal) == pytest.approx(1 / 8, abs=0.02)
@@ -84,7 +84,8 @@ def test_the_interval_of_the_last_recovery_covers_both_groups_of_robots():
 
 
 def test_savings_compare_the_last_visits_of_worlds_with_the_first():
-    assert faster([1] * 9 + [0.5] * 3).savings() == pytest.approx(0.5)
+    for birth in (1, 20):  # the world of birth is left out
+        assert faster([birth] + [1] * 8 + [0.5] * 3).savings() == pytest.approx(0.5)
     assert faster([1] * 12).savings() == pytest.approx(0)
     once = dataclasses.replace(BODY, phases=BODY.phases[:3])
     found = Adaptation.of(curves(10, phases=3), once, UNIT)

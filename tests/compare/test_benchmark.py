@@ -28,6 +28,7 @@ TINY = {"robots": 2, "time_scale": 0.0005, "life": ("body",)}
 def cheap(monkeypatch):
     """Measures bounds with few robots."""
     monkeypatch.setattr(bounds, "ROBOTS", 2)
+    monkeypatch.setattr(bounds, "UNTRAINED", 2)
 
 
 def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
@@ -133,8 +134,8 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
     learners = ["sarsa_lambda", *(f"paper, {name}" for name in PROPOSERS)]
     learners += [f"{brain}, creative" for brain in brains[1:]]
     assert tested.call_count == 2 * (len(learners) - 1)
-    for learner in learners:  # among the scores and in the table of each life
-        assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 3, learner
+    for learner in learners:  # among the scores and in both tables of each life
+        assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 5, learner
     assert "| - | - |" not in page  # newborns lived in all worlds
     assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2
     for figure in done.figures.values():
@@ -177,6 +178,7 @@ def test_kept_pages_are_made_again_from_runs_that_lack_networks(folder, lives):
 
 def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
     monkeypatch.setattr(bounds, "ROBOTS", 20)
+    monkeypatch.setattr(bounds, "UNTRAINED", 20)
     monkeypatch.setattr(bounds, "MINUTES", 1)
     experiment = Experiment(body="kinematic")
     for life in CHANGING:

@@ -65,8 +65,8 @@ class DQN(DQNWithoutReplay):
     """DQN (Mnih et al., "Human-level control through deep reinforcement learning", Nature 2015).
 
     Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
-    transitions and learns from `BATCH` of them in each step, drawn uniformly. It shows how much
-    replay helps in a life; all other learners see each transition once. The source trains for 50
+    transitions and learns from `BATCH` of them in each step, drawn uniformly. All other learners
+    see each transition once. The source trains for 50
     million frames of a game, with a memory of a million transitions, an update every fourth action
     after the first 50,000, a copy every 10,000 updates, and RMSProp instead of Adam.
     """

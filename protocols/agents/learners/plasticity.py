@@ -1,4 +1,7 @@
-"""Methods against the loss of plasticity, each added alone to `dqn_no_replay`."""
+"""Methods of the literature, each added alone to `dqn_no_replay`.
+
+The first three act against the loss of plasticity. Reward centring removes the rewards' mean.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +23,8 @@ class ShrinkAndPerturb(DQNWithoutReplay):
     Shrink and perturb (Ash and Adams, "On warm-starting neural network training", NeurIPS 2020) in
     the online form of Dohare et al. ("Loss of plasticity in deep continual learning", Nature 632,
     2024). Without the setting `noise`, it is decoupled weight decay (Loshchilov and Hutter,
-    "Decoupled weight decay regularization", ICLR 2019). That equals L2 regularisation if the
-    optimiser does not scale gradients. The decay does not depend on the learn rate.
+    "Decoupled weight decay regularization", ICLR 2019), which differs from an L2 term in the loss:
+    Adam does not scale it. Biases decay, too. The decay does not depend on the learn rate.
     """
 
     def update(self, reward: Tensor) -> None:
@@ -40,7 +43,9 @@ class ContinualBackprop(DQNWithoutReplay):
     neuron is a running mean of its absolute activation times the sum of its absolute outgoing
     weights. In each step and hidden layer, the share `replaced` of the neurons older than `MATURE`
     steps is replaced: incoming weights are drawn as at birth, bias and outgoing weights set to 0.
-    Unlike in the source, Adam's moments are kept.
+    Unlike in the authors' program, Adam's moments are kept, a young neuron's utility is not
+    corrected for its age, and the mean activation of a removed neuron is not added to the biases
+    of the next layer.
     """
 
     MATURE, UTILITY_DECAY = 1000, 0.99
@@ -83,7 +88,8 @@ class ContinualBackprop(DQNWithoutReplay):
 class CentredDQN(DQNWithoutReplay):
     """DQN without replay that learns from rewards minus their running mean.
 
-    Reward centering (Naik et al., "Reward centering", RLC 2024, section 2: simple centering).
+    Reward centering (Naik et al., "Reward centering", RLC 2024, section 2: simple centering, which
+    the source uses for on-policy learning; for Q-learning it takes the mean from TD errors).
     """
 
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
