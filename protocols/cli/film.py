@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import InputError
-from ..terminal import say
+from ..terminal import notice, say
 from .options import argument, option
 
 if TYPE_CHECKING:
@@ -62,6 +62,7 @@ class Film:
     def _episodes(self) -> Iterator[Episode | Relived]:
         from ..agents.ppo import Policies, policy_file
         from ..pages.replay import Episode, Relived, StoredRobot, robots_named
+        from ..runs.manifest import same_physics
         from ..runs.run_files import read_run
 
         phases = ("pre", "post") if self.phase == "both" else (self.phase,)
@@ -75,6 +76,8 @@ class Film:
                 for phase in phases:
                     yield StoredRobot(run, condition, self.robot, phase, self.seed).episode()
                 return
+            if not run.experiment.on_tensors and not same_physics(source):
+                notice(f"{source} was simulated in another physics, in which lives differ")
             yield Relived.at(run, condition, self.robot, self.minute)
             return
         if self.proposer or self.agent:
