@@ -90,7 +90,12 @@ def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
         functools.partial(measure, experiment, name),
         robots * _steps(experiment) * CONTROL_TIMESTEP,
         {"shares": ("F64", shape)},
-        {"life": dataclasses.asdict(life), "body": experiment.body, "seed": experiment.seed},
+        {
+            "life": dataclasses.asdict(life),
+            "body": experiment.body,
+            "seed": experiment.seed,
+            "untrained": UNTRAINED,
+        },
     )
 
 
