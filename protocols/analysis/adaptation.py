@@ -147,7 +147,7 @@ class Adaptation:
         The world of birth is left out, in which much of the first visit may be spent exploring.
         NaN if no other world returns.
         """
-        visits = [own for own in self._visits() if own[0] > 0]
+        visits = [own for own in self.visits() if own[0] > 0]
         if not visits:
             return float("nan")
         earlier, later = (self.recovery[:, [own[k] for own in visits]].mean() for k in (0, -1))
@@ -160,12 +160,12 @@ class Adaptation:
         """
         lost = [
             (self.before[:, left] - self.after[:, back]).mean()
-            for own in self._visits()
+            for own in self.visits()
             for left, back in itertools.pairwise(own)
         ]
         return float(np.mean(lost)) if lost else float("nan")
 
-    def _visits(self) -> list[np.ndarray]:
+    def visits(self) -> list[np.ndarray]:
         """Returns the indices of the phases in each world that returns, in ascending order."""
         visits = [np.flatnonzero(self.worlds == world) for world in np.unique(self.worlds)]
         return [own for own in visits if len(own) > 1]

@@ -148,18 +148,14 @@ def _measures(column: Column) -> list[list[str]]:
 
 def _recovery(column: Column) -> list[list[str]]:
     """Returns the table of recovery in each world of a life, with a row for each learner."""
-    life, count = column.life, len(column.life.worlds)
-    last = [
-        max(k for k, phase in enumerate(life.phases) if phase.world == world)
-        for world in life.worlds
-    ]
+    phases, count = column.life.phases, len(column.life.worlds)
     rows = []
     for row in column.ranked():
         cells = [row.name]
-        for phase, newborns in zip(last, row.newborns, strict=True):
-            groups = row.old.recovery[:, phase], newborns
+        for visits, newborns in zip(row.old.visits(), row.newborns, strict=True):
+            groups = row.old.recovery[:, visits[-1]], newborns
             minutes = ", ".join(f"{one.mean():.1f}" for one in groups)
-            whole = life.phases[phase].minutes
+            whole = phases[visits[-1]].minutes
             never = ", ".join(f"{100 * (one >= whole).mean():.0f} %" for one in groups)
             cells.append(f"{minutes} ({never})")
         rows.append(cells)

@@ -199,11 +199,12 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         x, y, _, w, i, j, k = physics.qpos.tolist()[:7]
         rules, ended = task.ended
         counts, of_life = self._counts, {}
-        for number, holds in enumerate(self._events(ended)):
-            counts[number] += steps * holds
+        contact, in_spot = self._events(ended)
+        counts[0] += steps * contact
+        counts[1] += steps * in_spot
         if task.episode.life:
             of_life = life_info(task.episode, task.steps, bool(rules.event(ended)[0]))
-        contact, in_spot = self._events(physics.readings)
+            contact, in_spot = self._events(physics.readings)  # perhaps placed since
         return {
             "position": np.array([x, y]),
             "heading": float(heading(w, i, j, k)),

@@ -115,15 +115,15 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
             Relived.at(run, condition, 1, minute)
 
 
-def test_a_robot_that_lives_otherwise_than_in_its_run_is_told(capsys):
+def test_a_life_that_differs_from_its_run_is_reported(capsys):
     experiment = Experiment(cohort_size=3, body="kinematic", time_scale=0.015)
     run, _ = lived(experiment, condition := Condition("wall_avoidance", "fixed"))
-    for minute, told in ((0, False), (2, False), (0.9, False), (1, True)):
-        run.results[condition].curves[1, 0] += told
+    for minute, differs in ((0, False), (2, False), (0.9, False), (1, True)):
+        run.results[condition].curves[1, 0] += differs
         Relived.at(run, condition, 0, minute)
         assert not capsys.readouterr().err
         Relived.at(run, condition, 1, minute)
-        assert ("robot 1 lives otherwise than in the run" in capsys.readouterr().err) == told
+        assert ("robot 1 lives otherwise than in the run" in capsys.readouterr().err) == differs
 
 
 def test_a_life_can_be_filmed_from_every_minute_before_its_end(run):

@@ -66,9 +66,9 @@ class DQN(DQNWithoutReplay):
 
     Algorithm 1 of the source, in a life without episodes. A robot keeps its last `REPLAY`
     transitions and learns from `BATCH` of them in each step, drawn uniformly. All other learners
-    see each transition once. The source trains for 50
-    million frames of a game, with a memory of a million transitions, an update every fourth action
-    after the first 50,000, a copy every 10,000 updates, and RMSProp instead of Adam.
+    see each transition once. The source trains for 50 million frames of a game, with a memory of a
+    million transitions, an update every fourth action after the first 50,000, a copy every 10,000
+    updates, and RMSProp instead of Adam.
     """
 
     REPLAY, BATCH = 50_000, 32
