@@ -25,7 +25,7 @@ _MUJOCO = (3, 17)
 # Bounds: several times the height and tilt of robots that drive into walls and obstacles.
 _HEIGHT = 0.01  # [m]
 _TILT = math.sin(math.radians(20) / 2)  # of the quaternion's i and j
-FASTEST = 10  # [m/s]; largest `motor_speed`
+SLOWEST, FASTEST = 0.001, 10  # [m/s]; smallest and largest `motor_speed`
 
 
 def check_versions() -> None:
@@ -43,7 +43,7 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
 
     Args:
       path: MJCF file of an arena with its robot; see `check_arena` for what it must hold.
-      motor_speed: Speed of a wheel at motor value 0.5, in (0, 10] m/s; None keeps the file's.
+      motor_speed: Speed of a wheel at motor value 0.5, in [0.001, 10] m/s; None keeps the file's.
 
     Raises ValueError for a speed out of this range or a file that cannot be read.
     """
@@ -51,9 +51,10 @@ def arena_spec(path: str | Path = ARENA_XML, *, motor_speed: float | None = None
     spec = mujoco.MjSpec.from_file(str(path))
     if motor_speed is not None:
         number = isinstance(motor_speed, numbers.Real) and not isinstance(motor_speed, bool)
-        if not number or not 0 < motor_speed <= FASTEST:
+        if not number or not SLOWEST <= motor_speed <= FASTEST:
             raise ValueError(
-                f"motor_speed must be a number in (0, {FASTEST}] m/s, got {motor_speed!r:.60}"
+                f"motor_speed must be a number in [{SLOWEST}, {FASTEST}] m/s, "
+                f"got {motor_speed!r:.60}"
             )
         # gear = motor value / wheel speed; torque = gear * gain * (motor value - gear * wheel
         # speed). The gain is scaled to leave the torque of a stalled wheel unchanged.

@@ -55,7 +55,7 @@ class Kinematics(Checked):
 
     radius: float | None = number(None, 0, np.inf, "()", unit="m")
     wheel_base: float | None = number(
-        None, 0, 10, "(]", unit="m", reason="on a wider one a robot hardly turns"
+        None, 0.001, 10, unit="m", reason="on a wider one a robot hardly turns"
     )
     wall: Wall = choice("holds", Wall)
     felt: Felt = choice("near", Felt)

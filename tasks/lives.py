@@ -7,6 +7,7 @@ changes while the robot learns (docs/lives.md).
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 from collections.abc import Mapping
@@ -33,6 +34,7 @@ Unmeasured = Literal["genius", "ignorant"]
 UPPER_LEFT, UPPER_RIGHT = CORNERS["upper_left"], CORNERS["upper_right"]
 LIFE_NAME = re.compile("[a-z][a-z0-9_]{0,39}(@[1-9][0-9]{0,3})?")
 _MOST_LEGS = 100_000
+_STEP = CONTROL_TIMESTEP / 60  # minutes of a control step
 _LONGEST = 1e6  # minutes of a phase: two years
 _NUMBERS = {"robot": 3, "spot": 2}  # in a place
 
@@ -60,7 +62,7 @@ class Phase(Checked):
     robot: tuple[float, float, float] | Literal["random"] | None = None
     spot: tuple[float, float] | Literal["random"] | None = None
     every_minutes: float | None = number(
-        None, 0, _LONGEST, "(]", unit="minutes", reason="rounded to control steps, at least one"
+        None, _STEP, _LONGEST, unit="minutes", reason="rounded to control steps, at least one"
     )
     world: World = World()
 
@@ -70,7 +72,8 @@ class Phase(Checked):
         for name, length in _NUMBERS.items():
             place = getattr(self, name)
             if place is not None and not (isinstance(place, str) and place == "random"):
-                place = real_numbers(name, place, (length,), finite=True)
+                what = name if not isinstance(place, str) else f"{name}, unless 'random',"
+                place = real_numbers(what, place, (length,), finite=True)
                 object.__setattr__(self, name, tuple(place.tolist()))
 
     def draw(
@@ -128,7 +131,7 @@ class Life(Checked):
         "ignorant".
     """
 
-    name: str = text("", LIFE_NAME.pattern, "lower case letters, digits and underscores")
+    name: str = text("", LIFE_NAME.pattern, "at most 40 lower case letters, digits and underscores")
     title: str = text("", "[^\n]{1,60}", "1 to 60 characters in one line")
     task: str = text("", "[a-z][a-z0-9_]{0,39}", "the name of a task")
     phases: tuple[Phase, ...] = ()
@@ -166,12 +169,12 @@ class Life(Checked):
             phase.world.rules(rules, dimensions.nose)
 
     def scaled(self, factor: float) -> Life:
-        """Returns the life with every duration multiplied by a factor."""
+        """Returns the life with every duration multiplied by a factor; periods last a step."""
         phases = tuple(
             dataclasses.replace(
                 phase,
                 minutes=phase.minutes * factor,
-                every_minutes=phase.every_minutes and phase.every_minutes * factor,
+                every_minutes=phase.every_minutes and max(phase.every_minutes * factor, _STEP),
             )
             for phase in self.phases
         )
@@ -368,15 +371,18 @@ def life_from(fields: Any) -> Life:
         raise ValueError(f"a life must have a {min(missing)}")
     if "@" in str(own["name"]):
         raise ValueError(f"a name with @ is that of a newborn's life, got {own['name']!r:.60}")
-    own["phases"] = tuple(map(_phase_from, own["phases"]))
+    own["phases"] = tuple(map(_phase_from, own["phases"], itertools.count(1)))
     return Life(**{"title": own["name"], **own})
 
 
-def _phase_from(fields: Any) -> Phase:
-    own = _known(fields, Phase, "a phase")
-    if "world" in own:
-        own["world"] = World(**_known(own["world"], World, "a world"))
-    return Phase(**own)
+def _phase_from(fields: Any, number: int) -> Phase:
+    try:
+        own = _known(fields, Phase, "a phase")
+        if "world" in own:
+            own["world"] = World(**_known(own["world"], World, "a world"))
+        return Phase(**own)
+    except ValueError as error:
+        raise ValueError(f"phase {number}: {error}") from error
 
 
 def _known(fields: Any, cls: type, what: str) -> dict[str, Any]:

@@ -43,6 +43,7 @@ class CheckedAgent(Agent):
         if not isinstance(agent, Agent):
             raise InputError(f"{name} must return an Agent, got {type(agent).__name__}")
         self._agent = agent
+        self._kinds: dict[str, str] = {}  # dtype and shape of each weight; empty before the first
 
     def reset(self) -> None:
         self._call("reset")
@@ -80,6 +81,13 @@ class CheckedAgent(Agent):
             if array.shape[:1] != (self._robots,):
                 rows = f"got {name} of shape {array.shape} for {self._robots} robots"
                 raise self._wrong(f"weights with a row a robot, {rows}")
+        kinds = {name: f"{array.dtype} {array.shape}" for name, array in arrays.items()}
+        self._kinds = self._kinds or kinds
+        for name in {**self._kinds, **kinds}:
+            born, now = self._kinds.get(name, "absent"), kinds.get(name, "absent")
+            if born != now:  # results hold the weights before and after training
+                both = f"got {name}: {born}, then {now}"
+                raise self._wrong(f"weights of one kind all its life, {both}")
         return arrays
 
     def load_weights(self, arrays: Mapping[str, np.ndarray]) -> None:
@@ -97,7 +105,8 @@ class CheckedAgent(Agent):
             raise self._wrong(f"a dict of real arrays as its {what}, got {type(arrays).__name__}")
         for name, array in arrays.items():
             fits = isinstance(array, np.ndarray) and array.dtype in DTYPES
-            if not isinstance(name, str) or not fits:
+            named = isinstance(name, str) and name.isprintable() and name  # a key of a file
+            if not named or not fits:
                 kind = f"{type(array).__name__} {getattr(array, 'dtype', '')}".rstrip()
                 raise self._wrong(f"a dict of real arrays as its {what}, got {name!r}: {kind}")
         return dict(arrays)
@@ -137,7 +146,9 @@ def ending_in_a_sentence(
 
 def fault(error: BaseException) -> str:
     """Returns one line: an error's type and text, and the last file and line of the user's code."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    text = type(error).__name__
+    with contextlib.suppress(Exception):  # its own text may fail, too
+        text = " ".join(f"{text}: {error}".split())
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         python = frame.filename.startswith(_PYTHON)
         library = frame.filename.startswith(str(_LIBRARIES))

@@ -160,7 +160,7 @@ def _egl() -> str:
     if sys.platform != "linux":
         raise Missing(f"no EGL on {sys.platform}", "make films on Linux")
     # In a process of its own, because a graphics driver can crash.
-    words = [sys.executable, "-m", "musebot.protocols.pages.offscreen"]
+    words = [sys.executable, "-P", "-m", "musebot.protocols.pages.offscreen"]
     try:
         done = subprocess.run(words, capture_output=True, text=True, timeout=_PROBE_SECONDS)
     except subprocess.TimeoutExpired as error:

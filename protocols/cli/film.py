@@ -38,8 +38,8 @@ class Film:
         None, "agent of the robot, as `musebot run --agent` takes it; only for a run", "AGENT"
     )
     robot: int = option(0, "number of the robot within its condition, or of the policy (0)", "N")
-    phase: str = option(
-        "post",
+    phase: str | None = option(
+        None,
         "the robot before (pre) or after (post) training, or both side by side (post)",
         choices=("pre", "post", "both"),
     )
@@ -48,8 +48,8 @@ class Film:
     )
     seconds: float = option(30.0, "length of the film in seconds (30)", "X")
     speed: float = option(4.0, "simulated seconds per second of the film (4)", "X")
-    seed: int = option(
-        0, "seed of the brain's noise, or of the start of a policy's episode (0)", "N"
+    seed: int | None = option(
+        None, "seed of the brain's noise, or of the start of a policy's episode (0)", "N"
     )
 
     def __call__(self) -> None:
@@ -65,7 +65,10 @@ class Film:
         from ..runs.manifest import same_physics
         from ..runs.run_files import read_run
 
-        phases = ("pre", "post") if self.phase == "both" else (self.phase,)
+        if self.minute is not None and (self.phase, self.seed) != (None, None):
+            raise InputError("--minute films a life as it was: it excludes --phase and --seed")
+        phases = ("pre", "post") if self.phase == "both" else (self.phase or "post",)
+        seed = self.seed or 0
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":
             raise InputError(f"{source} is neither a run's folder nor a .safetensors file")
@@ -74,7 +77,7 @@ class Film:
             condition = robots_named(self.task, self.proposer, self.agent)
             if self.minute is None:
                 for phase in phases:
-                    yield StoredRobot(run, condition, self.robot, phase, self.seed).episode()
+                    yield StoredRobot(run, condition, self.robot, phase, seed).episode()
                 return
             if not run.experiment.on_tensors and not same_physics(source):
                 notice(f"{source} was simulated in another physics, in which lives differ")
@@ -86,4 +89,4 @@ class Film:
             raise InputError(f"{source} holds policies, which have no life: --minute is of a run")
         policies = Policies.load(source, self.task)
         for phase in phases:
-            yield Episode.of_policy(policies, self.robot, phase, self.seed)
+            yield Episode.of_policy(policies, self.robot, phase, seed)

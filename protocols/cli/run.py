@@ -152,6 +152,9 @@ class Run:
             size = default_cohort_size(*robots.values())
             experiment = changed(experiment, {"cohort_size": size})
         for_agents = experiment.settings or experiment.signals == "raw"
+        brains = any(condition.has_brain for condition in robots)
+        if self.brain is not None and not brains:
+            raise InputError("--brain is for proposers, and this run has only agents")
         if for_agents and not held and all(condition.has_brain for condition in robots):
             raise InputError(
                 "settings and raw signals change agents only, and this run has none; a brain is "
@@ -197,8 +200,11 @@ class Run:
         known = [name for name in own if name not in (*parts, "settings", "life")]
         for part, cls in parts.items():
             known += [f"{part}.{field.name}" for field in dataclasses.fields(cls)]
-        words = [word for word in self.set if not word.startswith("agent.")]
-        return values | values_of(words, known)
+        own = values_of([word for word in self.set if not word.startswith("agent.")], known)
+        for name in _FIELDS:
+            if name in own and getattr(self, name) is not None:
+                raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and --set")
+        return values | own
 
     def _robots(
         self, rows: Mapping[Condition, int], held: Mapping[Condition, int], lives: Iterable[str]

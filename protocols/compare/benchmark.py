@@ -82,7 +82,7 @@ class Benchmark(Study):
     def _runs(self) -> Mapping[str, tuple[str, str, Plan]]:
         """The life, the learner's short name and the plan of each run, by the run's folder."""
         found = {}
-        for life in self.life:
+        for life in dict.fromkeys(self.life):
             for name in self._learners:
                 proposers, fields = self._driver(name)
                 lives = [life, *newborn_lives(LIVES[life])]
@@ -161,12 +161,13 @@ class Benchmark(Study):
         }
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        bounds = [bounds_job(out, self.experiment(), life) for life in self.life]
+        lives = dict.fromkeys(self.life)
+        bounds = [bounds_job(out, self.experiment(), life) for life in lives]
         simulate_runs(out, self.plans(), run_jobs, bounds)
 
     def page(self, out: Path) -> Page:
         columns = []
-        for name in self.life:
+        for name in dict.fromkeys(self.life):
             life = self.experiment().life_of(name)
             job = bounds_job(out, self.experiment(), name)
             matrix = Matrix(tried_worlds(life), job.read()["shares"])

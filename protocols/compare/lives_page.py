@@ -116,7 +116,8 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
     for place, column in enumerate(columns):
         for row in column.rows:
             text = mean_cell(row.old.online)
-            if not column.tests.get(row.name, 1.0) < ALPHA:  # NaN: too few robots for a test
+            worse = column.tests.get(row.name, 1.0) < ALPHA  # NaN: too few robots for a test
+            if not (worse or text == "-"):
                 text = f"**{text}**"
             cells.setdefault(row.name, ["-"] * len(columns))[place] = text
             scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.old.online.mean()
@@ -134,6 +135,8 @@ def _measures(column: Column) -> list[list[str]]:
         failed = with_interval(
             f"{old.failed.mean():.2f}", intervals.share(int(old.failed.sum()), count), ".2f"
         )
+        if np.isnan(old.online).any():  # a shortened life with equal bounds has no scores
+            failed = "-"
         relative, slope = ["-", "-"], "-"
         if len(row.newborns) > 1:
             found = (old.last_recovery(row.newborns, n) for n in (len(row.newborns), 1))
@@ -141,7 +144,8 @@ def _measures(column: Column) -> list[list[str]]:
             slope = f"{old.slope(row.newborns):+.3f}"
         p = column.tests.get(row.name, math.nan)
         last = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
-        cells = [mean_cell(old.online), failed, f"{old.worst_tenth():.3f}", *relative, slope, *last]
+        worst = number(old.worst_tenth(), ".3f")
+        cells = [mean_cell(old.online), failed, worst, *relative, slope, *last]
         rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])
     return rows
 

@@ -28,6 +28,7 @@ from ..runs.conditions import Condition
 from ..runs.experiment import Experiment, Signals
 from ..runs.manifest import UNREADABLE
 from ..runs.plan import MOST_ROBOTS, Plan, check_memory
+from ..runs.simulation import check_agents
 from ..storage import read_json
 from .jobs import ArrayJob, simulate_cohort
 from .study import STUDY_FILE, Page, RunJobs, Study
@@ -90,8 +91,8 @@ class Tune(Study):
     life: str = SPOT_FINDING.name
     trials: int = whole(16, 1, _MOST)
     kept: int = whole(4, 1, _MOST)
-    robots: int = whole(20, 1, MOST_ROBOTS)
-    seed: int = 32001
+    robots: int = whole(20, 1, MOST_ROBOTS // _TOGETHER)
+    seed: int = whole(32001, 0, 2**128 - 2)
     time_scale: float = 1.0
 
     @property
@@ -112,6 +113,7 @@ class Tune(Study):
         """Returns all options, and the settings of each trial."""
         self.check_options()
         trust(self.condition.proposer)  # the command names it
+        check_agents(Plan.of(self.experiment(), [self.condition], self.robots))
         for again, trials in ((False, self.drawn()), (True, self.drawn()[: self.kept])):
             for some in self._cohorts(trials):
                 experiment = self._experiment(again, some)
@@ -283,7 +285,8 @@ def _read_tuning(folder: Path) -> Tune:
         if study.trials != len(known["drawn"]):
             raise ValueError("it has another number of trials")
     except (*UNREADABLE, InputError, OSError) as error:
-        raise InputError(f"{path} is no study `tune` of musebot's ({error!r:.200})") from error
+        text = " ".join(str(error).split())
+        raise InputError(f"{path} is no study `tune` of musebot's ({text:.200})") from error
     return study
 
 

@@ -27,7 +27,7 @@ from .scene import JUMP, Scene, Trail
 
 _ROUNDING = 1e-6  # [s], rounding error of the times of frames and control steps
 _TRAIL = 8.0  # [s] of the film, after which the robot's trail has faded
-_LONGEST = 3600  # [s], longest film
+_LEAST = 0.001  # length in [s], and speed
 _TRAIL_LIMIT = 90.0  # simulated [s] after which the trail has faded at any speed
 
 # Half the size and one palette for the whole film keep the file small.
@@ -57,11 +57,9 @@ def film(
       InputError: a value is invalid, the file cannot be written, or there is no EGL.
       OSError: the film could not be written completely; the partial film is deleted.
     """
-    for name, value in (("length in seconds", seconds), ("speed", speed)):
-        if not (value > 0 and math.isfinite(value)):
-            raise InputError(f"the film's {name} must be positive, got {value:g}")
-    if seconds > _LONGEST:
-        raise InputError(f"the film must last at most {_LONGEST} s, got {seconds:g}")
+    for name, value, most in ("length in seconds", seconds, 3600), ("speed", speed, 1e9):
+        if not _LEAST <= value <= most:
+            raise InputError(f"the film's {name} must lie in [{_LEAST:g}, {most:g}], got {value:g}")
     output = resolved_file(output)
     if output.suffix.lower() not in _FPS:
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")

@@ -63,9 +63,11 @@ def with_interval(value: str, interval: Interval, form: str = ".3f") -> str:
 def mean_cell(values: np.ndarray, span: Interval | None = None) -> str:
     """Returns the mean of n robots' values, shape (n,), with its 95 % interval if it is known.
 
-    `span` is the lowest and highest value that a robot can have; None if not known.
+    It is a dash if a value is NaN. `span` is the lowest and highest value that a robot can have;
+    None if not known.
     """
-    return with_interval(f"{values.mean():.3f}", intervals.mean(values, span))
+    mean = number(values.mean(), ".3f")
+    return mean if mean == "-" else with_interval(mean, intervals.mean(values, span))
 
 
 # ---- Experiments ----

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import logging
+import warnings
 from collections.abc import Iterable
 from itertools import pairwise
 from pathlib import Path
@@ -49,7 +51,9 @@ _STYLE: dict[Any, Any] = {
     "axes.facecolor": "none",
     "savefig.facecolor": "none",
     "svg.hashsalt": "musebot",  # equal figures have equal bytes
+    "text.parse_math": False,  # a life's title may hold a dollar sign
 }
+logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports a home that it cannot write
 
 
 def colour(proposer: str) -> str:
@@ -91,7 +95,9 @@ def save(figure: Figure, folder: Path, name: str) -> None:
     """
     for suffix in FORMATS:
         buffer, metadata = io.BytesIO(), {"Date": None} if suffix == "svg" else None
-        figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing from font")  # a box is drawn
+            figure.savefig(buffer, format=suffix, dpi=200, metadata=metadata)
         write_atomically(folder / f"{name}.{suffix}", buffer.getvalue())
 
 

@@ -8,6 +8,7 @@ import re
 from ...controller.parameters import PROPOSERS
 from ...fields import shown
 from ...tasks.lives import LIFE_NAME, LIVES
+from ..agents.names import OWN
 from ..errors import InputError, similar
 
 _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
@@ -72,7 +73,7 @@ class CohortKey:
 def check_proposer(name: str) -> None:
     """Raises InputError unless `name` is a proposer or has the form "package.module:factory"."""
     if name not in PROPOSERS and not _FACTORY.fullmatch(name):
-        question = similar(name, PROPOSERS)
+        question = f"--agent {name} takes it" if name in OWN else similar(name, PROPOSERS)
         raise InputError(
             f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
             f"package.module:factory, got {name!r}{question and f'; {question}'}"

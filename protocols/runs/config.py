@@ -143,7 +143,7 @@ def read_config(path: Path) -> Config:
     try:
         text = read_whole(path)
         is_json = path.suffix.lower() == ".json"
-        content = parsed(path, text) if is_json else tomllib.loads(text.decode())
+        content = parsed(path, text) if is_json else _toml(text)
     except OSError as error:
         raise InputError(str(error)) from error
     except (ValueError, RecursionError) as error:
@@ -164,11 +164,15 @@ def read_life(path: Path) -> Life:
         musebot's lives or tasks, or a value is not allowed.
     """
     try:
-        return _own_life(tomllib.loads(read_whole(path).decode()))
+        return _own_life(_toml(read_whole(path)))
     except OSError as error:
         raise InputError(str(error)) from error
     except (InputError, ValueError, RecursionError) as error:
         raise InputError(f"{path}: {' '.join(str(error).split())}") from error
+
+
+def _toml(text: bytes) -> dict[str, Any]:
+    return tomllib.loads(text.decode("utf-8-sig"))  # some editors write a mark of UTF-8
 
 
 def _own_life(fields: Any) -> Life:

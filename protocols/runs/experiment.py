@@ -11,7 +11,7 @@ from ...controller.parameters import Parameters
 from ...controller.presets import BRAINS
 from ...fields import check, choice, flag, number, shown, text, whole
 from ...models import Kinematics, centre_nose, scale_torque
-from ...models.arena import FASTEST
+from ...models.arena import FASTEST, SLOWEST
 from ...tasks.batch import Robots
 from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import make_kinematic_batch
@@ -73,7 +73,7 @@ class Experiment:
     nose: NoseForm = choice("inverse", NoseForm)
     nose_place: NosePlace = choice("front", NosePlace)
     learn_across_placement: bool = flag(False)
-    motor_speed: float | None = number(None, 0, FASTEST, "(]", unit="m/s")
+    motor_speed: float | None = number(None, SLOWEST, FASTEST, unit="m/s")
     motor_torque: MotorTorque = choice("constant", MotorTorque)
     body: Body = choice("mujoco", Body)
     kinematics: Kinematics = Kinematics()
@@ -148,6 +148,10 @@ class Experiment:
         try:
             return life_named(name, lives).scaled(self.time_scale)
         except KeyError:
+            life, at, _ = name.partition("@")
+            if at and life in lives:
+                phases = f"the phases 1 to {len(lives[life].phases)}"
+                raise InputError(f"the life {life} has {phases}, got {shown(name)}") from None
             raise InputError(f"there is no life {shown(name)}; {nearest(name, lives)}") from None
 
     def robot_seconds(self, steps: int) -> float:

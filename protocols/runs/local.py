@@ -39,13 +39,16 @@ class Local:
 
     def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         """Runs jobs; see `jobs.Executor`."""
+        with single_threaded_children():
+            yield from self._run(jobs, progress)
+
+    def _run(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         context = multiprocessing.get_context("spawn")  # torch does not support fork
         # A plain byte: an Event has a lock, which a killed process may hold for ever.
         stop, reports = context.RawValue("b", 0), context.Queue()
         others = {*multiprocessing.active_children()}
         count = min(self.processes, len(jobs))
         with (
-            single_threaded_children(),
             stop_on_signals() as request,
             ProcessPoolExecutor(count, context, _prepare, (stop, reports)) as pool,
         ):
@@ -164,9 +167,12 @@ def prepare_process() -> None:
 def single_threaded_children() -> Iterator[None]:
     """Makes processes that start in this context have one thread and no OpenGL.
 
-    Several threads only slow down computations with small tensors, and nothing is drawn.
+    Several threads only slow down computations with small tensors, and nothing is drawn. Python
+    does not look for its own modules in the working directory, where a user's file may have the
+    name of one.
     """
-    settings = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1", "MUJOCO_GL": "off"}
+    threads = {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    settings = {**threads, "MUJOCO_GL": "off", "PYTHONSAFEPATH": "1"}
     before = {name: os.environ[name] for name in settings if name in os.environ}
     os.environ.update(settings)
     try:

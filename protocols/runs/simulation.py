@@ -82,14 +82,17 @@ def simulate(
     UnfinishedRun.read(directory, plan).check(getattr(executor, "processes", 1))
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
-        for message in run.begin():
-            if not quiet:
-                notice(message)
+        messages = run.begin()
+        for condition, robots in plan.robots.items():
+            if robots < (kept := run.plan.robots[condition]):
+                messages.append(f"{directory} keeps its {kept} robots of {condition}")
+        for message in messages if not quiet else ():
+            notice(message)
         jobs = run.jobs(save_every)
         if not jobs and not quiet:
             scaled = run.plan.experiment.rehearsal
             words = f" ({scaled}; another folder starts another run)" if scaled else ""
-            notice(f"{directory} is finished{words}, so nothing is simulated")
+            notice(f"{directory} has all these robots{words}, so nothing is simulated")
         update = TensorBoardLog(run, save_every).update if log else lambda now=False: None
         what = f"cohorts: {len(run.left)}"
         try:
@@ -190,7 +193,7 @@ class UnfinishedRun:
       directory: Folder of the run, an absolute path.
       plan: Plan with all robots that the run will have.
       measured: Measurements of the robots in results.safetensors.
-      left: Cohorts whose results are still to be read.
+      left: Cohorts of the wanted conditions whose results are still to be read.
       lives: Results of finished cohorts, kept until all cohorts are finished.
     """
 
@@ -204,18 +207,20 @@ class UnfinishedRun:
     def read(cls, directory: Path, plan: Plan) -> UnfinishedRun:
         """Compares what a folder holds with what a plan asks for; changes nothing.
 
+        Conditions that only the folder plans wait: an agent of theirs may be failing.
+
         Raises:
           InputError: the folder's experiment or physics differs, a file is damaged, a folder is a
             link, or the folder's experiment names an agent that is not trusted.
         """
         directory = resolved(directory)
         check_own_folder(directory / CHECKPOINTS)
+        wanted = plan.robots
         if (directory / MANIFEST).exists():
             plan = plan.merged_with(read_manifest(directory))
         measured = read_measured(directory, plan.experiment)
-        size = plan.experiment.cohort_size
-        known = {condition: len(lives.valid) // size for condition, lives in measured.items()}
-        left = [key for key in plan.cohorts() if key.index >= known.get(key.condition, 0)]
+        keys = [key for key in plan.cohorts() if key.condition in wanted]
+        left = [key for key in keys if not _holds(measured, key, plan)]
         if left and (directory / MANIFEST).exists():
             check_physics(directory)
             check_kept_networks(directory, measured)
@@ -257,6 +262,8 @@ class UnfinishedRun:
         counts = [lives.minutes[lives.valid] for lives in done]
         for key in [key for key in self.left if key.condition == condition]:
             counts.append(read_minutes(self.directory, experiment, key))
+        if not counts:  # the run only plans them
+            return np.zeros(0)
         reached = min(count.shape[1] for count in counts)
         robots = np.concatenate([count[:, :reached] for count in counts])
         return robots.mean(axis=0) / steps[:reached] if len(robots) else np.zeros(0)
@@ -319,9 +326,16 @@ class UnfinishedRun:
             self._clear()
 
     def _clear(self) -> None:
-        """Removes the files of the plan's cohorts; their folder stays if it holds others."""
+        """Removes the files of cohorts in `measured`; their folder stays if it holds others."""
+        done = [key for key in self.plan.cohorts() if _holds(self.measured, key, self.plan)]
         files = (checkpoint_file, finished_file)
-        ours = {file(self.directory, key).name for key in self.plan.cohorts() for file in files}
+        ours = {file(self.directory, key).name for key in done for file in files}
         remove_files(self.directory / CHECKPOINTS, ours.__contains__)
         with contextlib.suppress(OSError):
             (self.directory / CHECKPOINTS).rmdir()
+
+
+def _holds(measured: Measured, key: CohortKey, plan: Plan) -> bool:
+    """Returns whether a plan's cohort is among these measurements."""
+    lives = measured.get(key.condition)
+    return lives is not None and key.index < len(lives.valid) // plan.experiment.cohort_size

@@ -77,12 +77,41 @@ def test_a_fault_is_one_sentence_with_its_place_and_an_exit_is_an_error(method):
 def test_arrays_that_no_file_can_hold_or_without_a_row_a_robot_are_refused():
     wrong = [{"w": np.zeros(2, kind)} for kind in (object, complex, ">f8")]
     wrong += [{"w": [1.0, 2.0]}, {"w": np.float32(1)}, {1: np.zeros(2)}, None]
+    wrong += [{name: np.zeros(2)} for name in ("", "\ud800", "a\nb")]
     for returned, method in itertools.product(wrong, ("state", "weights")):
         agent = checked(**{method: lambda returned=returned: returned})
         with pytest.raises(InputError, match=f"a dict of real arrays as its {method}, got "):
             getattr(agent, method)()
     with pytest.raises(InputError, match=r"got w of shape \(3,\) for 2 robots"):
         checked(weights=lambda: {"w": np.zeros(3)}).weights()
+
+
+def test_weights_keep_their_names_types_and_shapes_all_their_life():
+    born = {"w": np.zeros((2, 3))}
+    for later, words in (
+        ({"w": np.zeros((2, 4))}, r"w: float64 \(2, 3\), then float64 \(2, 4\)"),
+        ({"w": np.zeros((2, 3), np.float32)}, "w: float64 .*, then float32"),
+        ({}, "w: float64 .*, then absent"),
+        ({**born, "v": np.zeros(2)}, "v: absent, then float64"),
+    ):
+        returned = iter([born, born, later])
+        agent = checked(weights=lambda returned=returned: next(returned))
+        agent.weights()
+        agent.weights()
+        with pytest.raises(InputError, match=f"one kind all its life, got {words}"):
+            agent.weights()
+
+
+def test_a_fault_whose_text_fails_is_named_by_its_type():
+    class Fault(Exception):
+        def __str__(self):
+            raise ValueError
+
+    def fail(*_):
+        raise Fault
+
+    with pytest.raises(RunError, match=r"failed in act \(Fault, test_checked_agent.py line"):
+        checked(act=fail).act(STATE, False)
 
 
 def test_an_agent_that_changes_what_it_is_given_changes_a_copy():

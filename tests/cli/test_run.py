@@ -114,6 +114,11 @@ def test_words_override_a_file_before_its_values_are_checked(tmp_path):
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--ray", "h:1", "--processes", "2"], "--processes and --ray exclude each other"),
         (["--robots", "251"], "or name a cohort size"),
+        (["--life", "body@13"], "the life body has the phases 1 to 12, got 'body@13'"),
+        (["--proposer", "dqn"], "got 'dqn'; --agent dqn takes it"),
+        (["--seed", "1", "--set", "seed=2"], "seed is given twice, by --seed and --set"),
+        (["--agent", "dqn", "--brain", "steady"], "--brain is for proposers, and this run"),
+        (["--set", "motor_speed=1e-320"], "motor_speed must be a number in [0.001, 10] m/s"),
     ],
 )
 def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, tmp_path, capsys):
@@ -219,7 +224,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
         ('"swap"', '"swap@2"', "a name with @ is that of a newborn's life, got 'swap@2'"),
         ('"spot_finding"', '"spot_findin"', "task must be one of ['spot_finding', "),
         ('"spot_finding"', '"wall_avoidance"', "the robot of WallAvoidanceRules has no "),
-        ("nose = 90", "nose = 361", "nose must be a number in [-360, 360] degrees, got 361"),
+        ("nose = 90", "nose = 361", "phase 2: nose must be a number in [-360, 360] degrees"),
         ("minutes = 300", "minute = 300", "a phase has the fields stage, minutes, "),
         ('spot = "random"', "robot = [5, 5, 0]", "robot must be inside the arena"),
         ("[[phases]]", "[[phases", "own.toml: "),

@@ -92,6 +92,8 @@ def test_an_agent_named_twice_has_one_run_and_one_that_fails_writes_nothing(
 ):
     both = ("dqn", "musebot.protocols.agents.learners.dqn:dqn")
     assert Benchmark(agent=both).plans().keys() == Benchmark(agent=both[:1]).plans().keys()
+    twice = Benchmark(agent=("constant",), life=("senses", "senses"))
+    assert list(twice.plans()) == ["senses-constant"]
     (tmp_path / "broken_agent.py").write_text("def broken(robots, senses, seed): 1 / 0")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
@@ -136,7 +138,8 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
     assert tested.call_count == 2 * (len(learners) - 1)
     for learner in learners:  # among the scores and in both tables of each life
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 5, learner
-    assert "| - | - |" not in page  # newborns lived in all worlds
+    assert page.count("| minutes |") == 2  # newborns lived in all worlds
+    assert "nan" not in page  # lives so short have no scores
     assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2
     for figure in done.figures.values():
         assert sorted(axis.get_title("left") for axis in figure.axes) == sorted(learners)
@@ -148,13 +151,13 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
         conduct(dataclasses.replace(study, seed=5), out, in_process())
 
 
-def test_learners_with_too_few_robots_for_a_test_are_all_bold():
+def test_learners_with_too_few_robots_for_a_test_are_bold_unless_they_have_no_score():
     rows = [
         lives_page.Row(name, np.array([]), Mock(online=np.full(2, score)), [])
-        for name, score in (("worse", 0.1), ("best", 0.9))
+        for name, score in (("worse", 0.1), ("none", np.nan), ("best", 0.9))
     ]
     _, *table = lives_page._summary([lives_page.Column(BODY, Mock(), rows)])
-    assert table == [["best", "**0.900**"], ["worse", "**0.100**"]]
+    assert sorted(table) == [["best", "**0.900**"], ["none", "-"], ["worse", "**0.100**"]]
 
 
 @pytest.mark.slow

@@ -49,8 +49,13 @@ def plain(robots, senses, seed):
     return HandCoded(senses)
 
 
+@tunable(goodness=Setting(*GOODNESS))
+def failing(robots, senses, seed, *, goodness):
+    raise ValueError
+
+
 MINE = types.ModuleType("mine")
-MINE.graded, MINE.each, MINE.plain = graded, each, plain
+MINE.graded, MINE.each, MINE.plain, MINE.failing = graded, each, plain, failing
 
 
 @pytest.fixture(autouse=True)
@@ -129,10 +134,9 @@ def test_the_best_trials_have_a_second_round_and_the_page_names_the_winner(tuned
         ({"agent": "mine:plain"}, "mine:plain has no settings to tune"),
         ({"trials": 0}, "trials must be a whole number from 1 to 1024, got 0"),
         ({"trials": 3, "kept": 4}, "kept must be at most trials, 3, got 4"),
-        (  # the second round, not the first
-            {"agent": "sarsa_lambda", "robots": 100_000, "trials": 16, "kept": 16},
-            "cohort.size must be",
-        ),
+        ({"robots": 62_501}, "robots must be a whole number from 1 to 62500"),
+        ({"seed": -1}, "seed must be a whole number from 0"),
+        ({"agent": "mine:failing"}, "the factory mine:failing failed"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence(changes, sentence):

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+import warnings
 
 from musebot.protocols.pages import style
 
@@ -45,3 +46,12 @@ def test_a_figure_has_the_same_bytes_whatever_a_matplotlibrc_says(tmp_path):
         assert done.stdout.strip() == size, done.stderr  # outside of our figures it holds
     for name in ("drawn.svg", "drawn.png"):
         assert (tmp_path / name).read_bytes() == (tmp_path / "with" / name).read_bytes()
+
+
+def test_a_title_is_drawn_as_it_is_written_also_without_a_glyph(tmp_path):
+    with warnings.catch_warnings(), style.styled():
+        warnings.simplefilter("error")
+        figure, axes = style.canvas(1, 1, 1)
+        axes[0, 0].set_title("5 $, 6 $^ and \u4e16")
+        style.save(figure, tmp_path, "figure")
+    assert {path.name for path in tmp_path.iterdir()} == {"figure.svg", "figure.png"}

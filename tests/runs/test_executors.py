@@ -84,7 +84,7 @@ def kinds(tmp_path_factory):
     (folder / "jobs_of_test_executors.py").write_text(JOBS)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(folder)
-        patch.setenv("PYTHONPATH", f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        patch.setenv("PYTHONPATH", str(folder), prepend=os.pathsep)
         yield importlib.import_module("jobs_of_test_executors")
 
 
@@ -213,6 +213,16 @@ def test_the_death_of_a_process_that_has_just_begun_is_noticed(
     jobs = [kinds.Write(tmp_path / "a", FOREVER), kinds.Write(tmp_path / "b", FOREVER)]
     with pytest.raises(Interrupted if request_stop else RunError):
         execute_all(jobs, Local(2))
+
+
+@pytest.mark.slow
+def test_processes_take_pythons_own_modules_not_those_of_the_working_directory(
+    kinds, tmp_path, monkeypatch
+):
+    (tmp_path / "socket.py").write_text("raise SystemExit")
+    monkeypatch.chdir(tmp_path)
+    execute("jobs", [kinds.Write(tmp_path / "job")], Local(1), lambda job: None, quiet=True)
+    assert (tmp_path / "job").exists()
 
 
 def test_a_hangup_that_is_ignored_as_with_nohup_stays_ignored():

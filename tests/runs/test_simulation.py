@@ -106,6 +106,23 @@ def test_a_finished_run_can_be_enlarged_and_is_never_made_smaller(part, run, who
     assert contents(tmp_path / "grown") == contents(whole[0])
 
 
+def test_conditions_that_the_command_does_not_name_wait_and_keep_what_they_have(
+    run, whole, in_process, tmp_path, capsys
+):
+    with pytest.raises(Interrupted):
+        run(tmp_path, plan(), first := in_process(most=1))
+    begun = first.jobs[0].key.condition
+    (other,) = {*BOTH} - {begun}
+    simulate(tmp_path, plan(2, [other]), executor := in_process())
+    assert f"keeps its 4 robots of {other}" in capsys.readouterr().err
+    assert {key.condition for key in keys(executor)} == {other}
+    assert_same(read_run(tmp_path), whole[1], [other])
+    assert len(list((tmp_path / "checkpoints").iterdir())) == 1
+    run(tmp_path, plan(), last := in_process())
+    assert [key.condition for key in keys(last)] == [begun]
+    assert contents(tmp_path) == contents(whole[0])
+
+
 def test_a_finished_run_is_not_simulated_again_and_says_so(whole, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("musebot.protocols.runs.plan.machine_bytes", lambda: 10)
     monkeypatch.setattr(simulation, "check_device", pytest.fail)  # it needs neither
@@ -114,7 +131,7 @@ def test_a_finished_run_is_not_simulated_again_and_says_so(whole, tmp_path, caps
     before = files_below(folder)
     simulate(folder, plan(), pytest.fail)
     assert files_below(folder) == before
-    words = "is finished (all durations times 0.0005; another folder starts another run), so"
+    words = "all these robots (all durations times 0.0005; another folder starts another run), so"
     assert words in capsys.readouterr().err
 
 

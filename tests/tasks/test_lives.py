@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from strategies import worlds
 
 from musebot.models import Dimensions, arena_spec
+from musebot.tasks.episode import CONTROL_TIMESTEP
 from musebot.tasks.lives import (
     CHANGING,
     LIVES,
@@ -40,7 +41,7 @@ phases = st.builds(
     learning=st.booleans(),
     robot=st.none() | st.just("random") | poses,
     spot=st.none() | st.just("random") | st.tuples(coordinates, coordinates),
-    every_minutes=st.none() | st.floats(0.001, 10),
+    every_minutes=st.none() | st.floats(0.002, 10),
     world=st.just(World()) | worlds,
 )
 
@@ -136,7 +137,8 @@ def test_scaling_multiplies_durations_and_nothing_else(life, factor):
     scaled = life.scaled(factor)
     for old, new in unchanged_but(life, scaled, "minutes", "every_minutes"):
         assert new.minutes == old.minutes * factor
-        assert new.every_minutes == (old.every_minutes and old.every_minutes * factor)
+        period = old.every_minutes and max(old.every_minutes * factor, CONTROL_TIMESTEP / 60)
+        assert new.every_minutes == period
     assert life.scaled(1.0) == life
 
 
@@ -177,11 +179,11 @@ IN_A_PHASE = {
     "a phase must have names with values, got 3": 3,
     "stage must be 'pre' or 'training' or 'post', got": {"stage": "youth"},
     "minutes must be a number in .*, got 'long'": {"minutes": "long"},
-    "every_minutes must be a number in": {"every_minutes": 0},
+    "every_minutes must be a number in": {"every_minutes": 1e-320},
     "learning must be true or false": {"learning": 1},
     r"robot must be finite real numbers of shape \(3,\)": {"robot": [0, 0]},
-    r"spot must be finite real numbers of shape \(2,\), got 'middle'": {"spot": "middle"},
-    "a world has the fields wheels, nose, .*, got 'wheel'": {"world": {"wheel": 1}},
+    r"spot, unless 'random', must be finite real numbers of .*, got 'middle'": {"spot": "middle"},
+    "phase 2: a world has the fields wheels, nose, .*, got 'wheel'": {"world": {"wheel": 1}},
     "rewarded must be 'task' or 'driving', got": {"world": {"rewarded": "sleep"}},
 }
 WRONG = {
@@ -189,7 +191,7 @@ WRONG = {
     "a life has the fields name, .*, got 'colour'": GOOD | {"colour": 1},
     "a life must have a list of phases, ": GOOD | {"phases": []},
     "a life must have a name": {"task": "spot_finding", "phases": [{}]},
-    "name must be lower case letters": GOOD | {"name": "My life"},
+    "name must be at most 40 lower case letters": GOOD | {"name": "My life"},
     "title must be 1 to 60 characters": GOOD | {"title": ""},
     "phases must be ordered by stage: pre, training, post": GOOD
     | {"phases": [{"stage": "post"}, {"stage": "pre"}]},
