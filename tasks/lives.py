@@ -62,7 +62,7 @@ class Phase(Checked):
     robot: tuple[float, float, float] | Literal["random"] | None = None
     spot: tuple[float, float] | Literal["random"] | None = None
     every_minutes: float | None = number(
-        None, _STEP, _LONGEST, unit="minutes", reason="rounded to control steps, at least one"
+        None, _STEP, _LONGEST, unit="minutes", reason="rounded to control steps"
     )
     world: World = World()
 
@@ -169,7 +169,7 @@ class Life(Checked):
             phase.world.rules(rules, dimensions.nose)
 
     def scaled(self, factor: float) -> Life:
-        """Returns the life with every duration multiplied by a factor; periods last a step."""
+        """Returns the life with every duration multiplied by a factor, a period to a step or more."""
         phases = tuple(
             dataclasses.replace(
                 phase,

@@ -62,8 +62,7 @@ def task_definition(task_name: str) -> TaskDefinition:
     """Returns a task of `TASKS` by its name; ValueError if there is none."""
     if not isinstance(task_name, str) or task_name not in TASKS:
         raise ValueError(
-            f"task {task_name!r:.60} does not exist in domain {DOMAIN!r}: task must be one of "
-            f"{sorted(TASKS)}, got {task_name!r:.60}"
+            f"task must be one of {sorted(TASKS)} in the domain {DOMAIN!r}, got {task_name!r:.60}"
         )
     return TASKS[task_name]
 

@@ -43,7 +43,7 @@ class CheckedAgent(Agent):
         if not isinstance(agent, Agent):
             raise InputError(f"{name} must return an Agent, got {type(agent).__name__}")
         self._agent = agent
-        self._kinds: dict[str, str] = {}  # dtype and shape of each weight; empty before the first
+        self._kinds: dict[str, str] | None = None  # dtype and shape of each weight at birth
 
     def reset(self) -> None:
         self._call("reset")
@@ -82,9 +82,9 @@ class CheckedAgent(Agent):
                 rows = f"got {name} of shape {array.shape} for {self._robots} robots"
                 raise self._wrong(f"weights with a row a robot, {rows}")
         kinds = {name: f"{array.dtype} {array.shape}" for name, array in arrays.items()}
-        self._kinds = self._kinds or kinds
+        self._kinds = kinds if self._kinds is None else self._kinds
         for name in {**self._kinds, **kinds}:
-            born, now = self._kinds.get(name, "absent"), kinds.get(name, "absent")
+            born, now = (kind.get(name, "absent") for kind in (self._kinds, kinds))
             if born != now:  # results hold the weights before and after training
                 both = f"got {name}: {born}, then {now}"
                 raise self._wrong(f"weights of one kind all its life, {both}")
@@ -108,7 +108,8 @@ class CheckedAgent(Agent):
             named = isinstance(name, str) and name.isprintable() and name  # a key of a file
             if not named or not fits:
                 kind = f"{type(array).__name__} {getattr(array, 'dtype', '')}".rstrip()
-                raise self._wrong(f"a dict of real arrays as its {what}, got {name!r}: {kind}")
+                arrays_wanted = f"a dict of real arrays as its {what}, with printable names"
+                raise self._wrong(f"{arrays_wanted}, got {name!r}: {kind}")
         return dict(arrays)
 
     def _wrong(self, words: str) -> InputError:

@@ -24,13 +24,14 @@ _TRUSTED: set[str] = set()
 def trust(*names: str) -> None:
     """Lets `factory_of` import the factories that the user's command names.
 
-    Their modules are also looked for in the working directory, as with `python -m`.
+    Their modules are also looked for in the working directory, after Python's and all installed
+    ones: a user's file may have the name of one that others import.
     """
     own = [name for name in names if not is_own(name)]
     _TRUSTED.update(own)
     here = str(Path.cwd()) if own else ""
     if here and here not in sys.path:
-        sys.path.insert(0, here)
+        sys.path.append(here)
 
 
 def check_trusted(name: str, source: object) -> None:

@@ -46,8 +46,8 @@ class Setting:
         """Raises ValueError if the default or the range is invalid."""
         if type(self.default) is bool:
             raise ValueError("a setting is a number; take 0 and 1 for no and yes")
-        if not math.isfinite(self.high - self.low):
-            raise ValueError(f"a range must be finite, got [{self.low}, {self.high}]")
+        if not -1e300 <= self.low <= self.high <= 1e300:
+            raise ValueError(f"a range must be ordered and finite, got [{self.low}, {self.high}]")
         if self.log and not self.low > 0:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
         if self.log and self.whole and self.low < 1:

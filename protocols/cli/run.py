@@ -29,6 +29,7 @@ _WHO, _WORLD, _HOW = "who learns what", "brain and world", "how it is computed"
 class Run:
     """Simulate the robots that are missing in OUT; can be stopped and continued.
 
+    --life, --proposer and --agent choose among the robots that OUT plans, or add some.
     Options that are not given keep the values in OUT, or have these defaults.
     """
 
@@ -152,10 +153,10 @@ class Run:
             size = default_cohort_size(*robots.values())
             experiment = changed(experiment, {"cohort_size": size})
         for_agents = experiment.settings or experiment.signals == "raw"
-        brains = any(condition.has_brain for condition in robots)
-        if self.brain is not None and not brains:
+        brains = [condition for condition in robots if condition.has_brain]
+        if self.brain is not None and not held and not brains:
             raise InputError("--brain is for proposers, and this run has only agents")
-        if for_agents and not held and all(condition.has_brain for condition in robots):
+        if for_agents and not held and len(brains) == len(robots):
             raise InputError(
                 "settings and raw signals change agents only, and this run has none; a brain is "
                 "changed by --set brain.NAME=VALUE, for example --set brain.raw_signals=true"
@@ -200,11 +201,11 @@ class Run:
         known = [name for name in own if name not in (*parts, "settings", "life")]
         for part, cls in parts.items():
             known += [f"{part}.{field.name}" for field in dataclasses.fields(cls)]
-        own = values_of([word for word in self.set if not word.startswith("agent.")], known)
+        given = values_of([word for word in self.set if not word.startswith("agent.")], known)
         for name in _FIELDS:
-            if name in own and getattr(self, name) is not None:
+            if name in given and getattr(self, name) is not None:
                 raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and --set")
-        return values | own
+        return values | given
 
     def _robots(
         self, rows: Mapping[Condition, int], held: Mapping[Condition, int], lives: Iterable[str]
@@ -234,7 +235,7 @@ class Run:
 
 
 def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
-    """Simulates all robots that a folder does not hold yet, as `musebot run` does.
+    """Simulates the wanted robots that a folder does not hold yet, as `musebot run` does.
 
     Args:
       out: Folder of the run: a new one, or that of a run to continue.

@@ -78,11 +78,15 @@ class Benchmark(Study):
     def plans(self) -> Mapping[str, Plan]:
         return {folder: plan for folder, (*_, plan) in self._runs.items()}
 
+    @property
+    def _lives(self) -> list[str]:
+        return list(dict.fromkeys(self.life))
+
     @functools.cached_property
     def _runs(self) -> Mapping[str, tuple[str, str, Plan]]:
         """The life, the learner's short name and the plan of each run, by the run's folder."""
         found = {}
-        for life in dict.fromkeys(self.life):
+        for life in self._lives:
             for name in self._learners:
                 proposers, fields = self._driver(name)
                 lives = [life, *newborn_lives(LIVES[life])]
@@ -161,13 +165,12 @@ class Benchmark(Study):
         }
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        lives = dict.fromkeys(self.life)
-        bounds = [bounds_job(out, self.experiment(), life) for life in lives]
+        bounds = [bounds_job(out, self.experiment(), life) for life in self._lives]
         simulate_runs(out, self.plans(), run_jobs, bounds)
 
     def page(self, out: Path) -> Page:
         columns = []
-        for name in dict.fromkeys(self.life):
+        for name in self._lives:
             life = self.experiment().life_of(name)
             job = bounds_job(out, self.experiment(), name)
             matrix = Matrix(tried_worlds(life), job.read()["shares"])

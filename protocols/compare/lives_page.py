@@ -69,6 +69,11 @@ class Row:
     old: Adaptation
     newborns: Newborns
 
+    @property
+    def score(self) -> float:
+        """Mean online score; minus infinity if a life is too short for one."""
+        return float(np.nan_to_num(self.old.online.mean(), nan=-np.inf))
+
 
 @dataclasses.dataclass(frozen=True)
 class Column:
@@ -80,7 +85,7 @@ class Column:
 
     def ranked(self) -> list[Row]:
         """Returns the learners, that with the largest mean online score first."""
-        return sorted(self.rows, key=lambda row: (-row.old.online.mean(), row.name))
+        return sorted(self.rows, key=lambda row: (-row.score, row.name))
 
     @functools.cached_property
     def tests(self) -> Mapping[str, float]:
@@ -120,7 +125,7 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
             if not (worse or text == "-"):
                 text = f"**{text}**"
             cells.setdefault(row.name, ["-"] * len(columns))[place] = text
-            scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.old.online.mean()
+            scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.score
     names = sorted(cells, key=lambda name: ([-score for score in scores[name]], name))
     head = ["learner", *(column.life.title.lower() for column in columns)]
     return [head, *([name, *cells[name]] for name in names)]

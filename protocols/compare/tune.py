@@ -113,11 +113,11 @@ class Tune(Study):
         """Returns all options, and the settings of each trial."""
         self.check_options()
         trust(self.condition.proposer)  # the command names it
-        check_agents(Plan.of(self.experiment(), [self.condition], self.robots))
         for again, trials in ((False, self.drawn()), (True, self.drawn()[: self.kept])):
             for some in self._cohorts(trials):
                 experiment = self._experiment(again, some)
                 check_memory(Plan.of(experiment, [self.condition], experiment.cohort_size))
+        check_agents(Plan.of(self.experiment(), [self.condition], self.robots))
         drawn = [list(trial.settings) for trial in self.drawn()]
         return dataclasses.asdict(self) | {"agent": self.condition.proposer, "drawn": drawn}
 
@@ -285,7 +285,7 @@ def _read_tuning(folder: Path) -> Tune:
         if study.trials != len(known["drawn"]):
             raise ValueError("it has another number of trials")
     except (*UNREADABLE, InputError, OSError) as error:
-        text = " ".join(str(error).split())
+        text = repr(error) if isinstance(error, KeyError) else " ".join(str(error).split())
         raise InputError(f"{path} is no study `tune` of musebot's ({text:.200})") from error
     return study
 

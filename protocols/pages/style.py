@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import logging
 import warnings
 from collections.abc import Iterable
 from itertools import pairwise
@@ -53,7 +52,6 @@ _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "musebot",  # equal figures have equal bytes
     "text.parse_math": False,  # a life's title may hold a dollar sign
 }
-logging.getLogger("matplotlib").setLevel(logging.ERROR)  # it reports a home that it cannot write
 
 
 def colour(proposer: str) -> str:

@@ -39,10 +39,10 @@ class Local:
 
     def __call__(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         """Runs jobs; see `jobs.Executor`."""
-        with single_threaded_children():
-            yield from self._run(jobs, progress)
+        with single_threaded_children():  # also the process that a queue starts
+            yield from self._results(jobs, progress)
 
-    def _run(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
+    def _results(self, jobs: Sequence[Job], progress: JobProgress) -> Generator[Job]:
         context = multiprocessing.get_context("spawn")  # torch does not support fork
         # A plain byte: an Event has a lock, which a killed process may hold for ever.
         stop, reports = context.RawValue("b", 0), context.Queue()

@@ -82,12 +82,9 @@ def simulate(
     UnfinishedRun.read(directory, plan).check(getattr(executor, "processes", 1))
     with locked(directory):
         run = UnfinishedRun.read(directory, plan)
-        messages = run.begin()
-        for condition, robots in plan.robots.items():
-            if robots < (kept := run.plan.robots[condition]):
-                messages.append(f"{directory} keeps its {kept} robots of {condition}")
-        for message in messages if not quiet else ():
-            notice(message)
+        for message in (*run.begin(), *run.beyond(plan)):
+            if not quiet:
+                notice(message)
         jobs = run.jobs(save_every)
         if not jobs and not quiet:
             scaled = run.plan.experiment.rehearsal
@@ -249,10 +246,18 @@ class UnfinishedRun:
         check_memory(remaining, at_once, self.plan)
         check_agents(remaining, self.measured)
 
+    def beyond(self, wanted: Plan) -> list[str]:
+        """Returns messages about robots that the run plans beyond those of a command."""
+        more = [c for c, robots in wanted.robots.items() if robots < self.plan.robots[c]]
+        others = [key for key in self.plan.cohorts() if key.condition not in wanted.robots]
+        waiting = {key.condition for key in others if not _holds(self.measured, key, self.plan)}
+        messages = {"the run plans more robots of": more, "the run still lacks robots of": waiting}
+        return [f"{text} {', '.join(map(str, sorted(c)))}" for text, c in messages.items() if c]
+
     def curve(self, condition: Condition) -> np.ndarray:
         """Returns the mean share of time with the measured event, by simulated minute, shape (M,).
 
-        All robots have reached these M minutes. Invalid ones are left out.
+        All finished and wanted robots have reached these M minutes. Invalid ones are left out.
         """
         experiment = self.plan.experiment
         steps = experiment.life_of(condition.task).steps_of_minutes()
@@ -262,7 +267,7 @@ class UnfinishedRun:
         counts = [lives.minutes[lives.valid] for lives in done]
         for key in [key for key in self.left if key.condition == condition]:
             counts.append(read_minutes(self.directory, experiment, key))
-        if not counts:  # the run only plans them
+        if not counts:  # none has finished, and the command does not name them
             return np.zeros(0)
         reached = min(count.shape[1] for count in counts)
         robots = np.concatenate([count[:, :reached] for count in counts])

@@ -80,7 +80,7 @@ def test_arrays_that_no_file_can_hold_or_without_a_row_a_robot_are_refused():
     wrong += [{name: np.zeros(2)} for name in ("", "\ud800", "a\nb")]
     for returned, method in itertools.product(wrong, ("state", "weights")):
         agent = checked(**{method: lambda returned=returned: returned})
-        with pytest.raises(InputError, match=f"a dict of real arrays as its {method}, got "):
+        with pytest.raises(InputError, match=f"a dict of real arrays as its {method}, .*got "):
             getattr(agent, method)()
     with pytest.raises(InputError, match=r"got w of shape \(3,\) for 2 robots"):
         checked(weights=lambda: {"w": np.zeros(3)}).weights()
@@ -100,6 +100,11 @@ def test_weights_keep_their_names_types_and_shapes_all_their_life():
         agent.weights()
         with pytest.raises(InputError, match=f"one kind all its life, got {words}"):
             agent.weights()
+    returned_later = iter([{}, born])
+    agent = checked(weights=lambda: next(returned_later))
+    agent.weights()
+    with pytest.raises(InputError, match="w: absent, then float64"):
+        agent.weights()
 
 
 def test_a_fault_whose_text_fails_is_named_by_its_type():

@@ -114,7 +114,9 @@ def test_conditions_that_the_command_does_not_name_wait_and_keep_what_they_have(
     begun = first.jobs[0].key.condition
     (other,) = {*BOTH} - {begun}
     simulate(tmp_path, plan(2, [other]), executor := in_process())
-    assert f"keeps its 4 robots of {other}" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert f"the run plans more robots of {other}" in said
+    assert f"the run still lacks robots of {begun}" in said
     assert {key.condition for key in keys(executor)} == {other}
     assert_same(read_run(tmp_path), whole[1], [other])
     assert len(list((tmp_path / "checkpoints").iterdir())) == 1
