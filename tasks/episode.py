@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 
@@ -76,10 +76,6 @@ class Episode:
         start = dataclasses.replace(self.start, **options)
         start.check(self.dimensions)
         return start
-
-    def with_options(self, options: Mapping[str, Any] | None) -> Self:
-        """Returns the episode with the start of `start_with`; raises what `start_with` raises."""
-        return dataclasses.replace(self, start=self.start_with(options))
 
     @functools.cached_property
     def _legs(self) -> Mapping[int, Leg]:

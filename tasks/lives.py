@@ -169,7 +169,7 @@ class Life(Checked):
             phase.world.rules(rules, dimensions.nose)
 
     def scaled(self, factor: float) -> Life:
-        """Returns the life with every duration multiplied by a factor, a period to a step or more."""
+        """Returns the life with all durations times a factor; periods are a step or more."""
         phases = tuple(
             dataclasses.replace(
                 phase,

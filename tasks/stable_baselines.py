@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,8 +18,7 @@ except ModuleNotFoundError as error:
 
 from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
-from .gymnasium_env.attributes import METHODS
-from .gymnasium_env.common import FPS, LIFE_INFO, shared_options, task_name
+from .gymnasium_env.common import FPS, LIFE_INFO, task_name
 from .suite import LIFE_DOMAIN
 
 
@@ -63,7 +62,7 @@ class ArenaVecEnv(VecEnv):
         The seeds are those set by `seed`; options set by `set_options` hold for these episodes.
         Raises what `ArenaVectorEnv.reset` raises, and ValueError where the robots' options differ.
         """
-        options = shared_options(self._options)
+        options = _shared(self._options)
         observations, info = self._robots.reset(seed=self._seeds, options=options)
         self.reset_infos = [_of(info, robot) for robot in range(self.num_envs)]
         self._reset_seeds()
@@ -98,25 +97,27 @@ class ArenaVecEnv(VecEnv):
         return list(self._robots.render() or [None] * self.num_envs)
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Sets an attribute of all robots, see `ArenaVectorEnv.set_attr`."""
-        if {*self._get_indices(indices)} != {*range(self.num_envs)}:
-            raise ValueError("attributes can be set of all robots of a batch only")
-        self._robots.set_attr(attr_name, value)
+        """Raises AttributeError: robots of a batch have no attributes to set."""
+        raise AttributeError(f"robots of a batch have no attributes to set, got {attr_name!r}")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        """Calls a method of robots, see `ArenaVectorEnv.call`; returns a result for each."""
-        if method_name not in METHODS:
-            raise AttributeError(f"robots have the methods {METHODS}, got {method_name!r}")
-        if method_name == "set_wrapper_attr":
-            self.set_attr(*args, indices=indices, **kwargs)
-            return [True] * self.num_envs
-        values = self._robots.call(method_name, *args, **kwargs)
-        return [values[robot] for robot in self._get_indices(indices)]
+        """Raises AttributeError: robots of a batch have no methods of their own."""
+        raise AttributeError(f"robots of a batch have no methods, got {method_name!r}")
 
     def env_is_wrapped(
         self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None
     ) -> list[bool]:
         return [False] * sum(1 for _ in self._get_indices(indices))
+
+
+def _shared(options: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
+    """Returns the options that all robots share; ValueError where theirs differ."""
+    first, *others = (one or {} for one in options)
+    for other in others:
+        equal = (np.array_equal(value, other[name]) for name, value in first.items())
+        if first.keys() != other.keys() or not all(equal):
+            raise ValueError("options must be the same for all robots of a batch")
+    return dict(first)
 
 
 def _of(info: Mapping[str, Any], robot: Any) -> dict[str, Any]:

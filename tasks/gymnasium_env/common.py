@@ -114,16 +114,6 @@ def picture_of(model: mujoco.MjModel, camera: Any, width: Any, height: Any) -> d
     return {**size, "camera_id": camera}
 
 
-def shared_options(options: Sequence[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """Returns the options that all robots share; ValueError where theirs differ."""
-    first, *others = (one or {} for one in options)
-    for other in others:
-        equal = (np.array_equal(value, other[name]) for name, value in first.items())
-        if first.keys() != other.keys() or not all(equal):
-            raise ValueError("options must be the same for all robots of a batch")
-    return dict(first)
-
-
 def final_info(observations: np.ndarray, mask: np.ndarray, info: dict[str, Any]) -> dict[str, Any]:
     """Returns Gymnasium's dictionary of the last observations of the episodes that ended."""
     final = np.full(len(observations), None, dtype=object)

@@ -68,8 +68,6 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.render_mode = render_mode
         self._picture = picture_of(self.model, camera, width, height)
         self.mujoco_renderer: Any = None
-        self._usual = self._environment.task.episode
-        self.options = {}
         self._layout = rules.layout
         self._radius = self.physics.dimensions.spot_radius
         self._counts = [0, 0]  # control steps of this episode in contact, and in the spot
@@ -77,16 +75,6 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @property
     def physics(self) -> Physics:
         return self._environment.physics
-
-    @property
-    def options(self) -> Mapping[str, Any]:
-        """Options of all further episodes; those given to `reset` replace them for that episode."""
-        return self._options
-
-    @options.setter
-    def options(self, options: Mapping[str, Any]) -> None:
-        self._environment.task.episode = self._usual.with_options(options)
-        self._options = dict(options or {})
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -174,17 +162,16 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         self._environment.lifecycle.check_running()
         own = {"counts": list(self._counts), "seed": self.np_random_seed}
-        return self._environment.get_state() | own | {"options": dict(self.options)}
+        return self._environment.get_state() | own
 
     def set_state(self, state: Mapping[str, Any]) -> None:
         """Continues from a state, bit-exactly, see `arena.Environment.set_state`."""
         environment = self._environment
         rest = dict(state) if isinstance(state, Mapping) else {}
-        own = {name: rest.pop(name) for name in ("counts", "seed", "options") if name in rest}
+        own = {name: rest.pop(name) for name in ("counts", "seed") if name in rest}
         environment.check_state(rest, self.np_random)
-        check_state(own, {"counts": [0, 0], "seed": 0, "options": {}})
+        check_state(own, {"counts": [0, 0], "seed": 0})
         check_counts("counts", own["counts"], [rest["steps"]] * 2)
-        self.options = own["options"]
         environment.task.reseed(self.np_random)
         environment.set_state(rest)
         self._counts, self._np_random_seed = list(own["counts"]), own["seed"]

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import gymnasium
 import numpy as np
 from dm_control.mujoco.wrapper import MjModel
 from dm_control.rl.control import PhysicsError
@@ -30,7 +31,6 @@ from ..lives import Leg, place
 from ..sensors import Nose
 from ..starts import Start, random_spots
 from ..suite import make_batch
-from .attributes import RobotAttributes
 from .common import (
     FPS,
     PICTURE,
@@ -45,7 +45,7 @@ from .common import (
 _Timestep = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
-class ArenaVectorEnv(RobotAttributes):
+class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     """A batch of B robots, each with its own seed, bit-exactly equal to B instances of `ArenaEnv`.
 
     With `backend="warp"`, they are equal up to rounding in single precision.
@@ -117,8 +117,7 @@ class ArenaVectorEnv(RobotAttributes):
 
             self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
         rules, size = self._batch.rules, self._batch.dimensions
-        self._usual = definition.episode(Start(**kwargs), size, steps, rules, nose)
-        self.options = {}
+        self._episode = definition.episode(Start(**kwargs), size, steps, rules, nose)
         self.single_observation_space, self.single_action_space = spaces(rules, definition.limit)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -134,6 +133,34 @@ class ArenaVectorEnv(RobotAttributes):
         self._counts = np.zeros((2, num_envs), dtype=np.int64)  # of them in contact, in the spot
         self._reached = np.zeros(num_envs, dtype=bool)  # whether the last step did, in a life
         self._over = np.zeros(num_envs, dtype=bool)
+
+    @property
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
+        """Random stream of every robot."""
+        return tuple(self._randoms)
+
+    @property
+    def np_random_seed(self) -> tuple[int, ...]:  # type: ignore[override]
+        """Seed of every robot's random stream."""
+        return tuple(self._seeds)
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Returns an attribute of every robot, such as an entry of `INFO` or a space.
+
+        Raises AttributeError where robots of a batch have no such attribute.
+        """
+        found = {own: entry for own, entry in self._info().items() if own[0] != "_"}
+        found |= {own: getattr(self, own) for own in ("np_random", "np_random_seed")}
+        shared = {
+            "action_space": self.single_action_space,
+            "observation_space": self.single_observation_space,
+            "model": self._batch.model,
+            **{own: getattr(self, own) for own in ("metadata", "render_mode", "spec")},
+        }
+        found |= {own: (value,) * self.num_envs for own, value in shared.items()}
+        if name not in found:
+            raise AttributeError(f"robots of a batch have {sorted(found)}, got {name!r}")
+        return tuple(found[name])
 
     def reset(
         self,
@@ -274,7 +301,6 @@ class ArenaVectorEnv(RobotAttributes):
             "steps": self._steps.copy(),
             "counts": self._counts.copy(),
             "over": self._over.copy(),
-            "options": dict(self.options),
         }
 
     def set_state(self, state: Mapping[str, Any]) -> None:
@@ -285,7 +311,6 @@ class ArenaVectorEnv(RobotAttributes):
         """
         self._lifecycle.check_open()
         self._check_state(state)
-        self.options = state["options"]
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             set_stream_state(random, one)
         self._batch.set_state(state["batch"])
@@ -299,7 +324,7 @@ class ArenaVectorEnv(RobotAttributes):
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
         randoms: list[Any] = [None] * self.num_envs
-        check_state(state, {**self._state(), "batch": {}, "randoms": randoms, "options": {}})
+        check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
         batch = state["batch"]
         check_state(batch, self._batch.arrays())
         self._batch.dimensions.check_standing(batch["state"], *batch.values())
@@ -310,8 +335,7 @@ class ArenaVectorEnv(RobotAttributes):
             check_counts("counts", counts, state["steps"])
         if self._episode.life and (state["steps"] != state["steps"][0]).any():
             raise ValueError(f"state['steps'] of a life must be equal, got {state['steps']}")
-        seeds = [seed for seed in state["seeds"] if seed != -1]  # -1: a stream that was set
-        check_counts("seeds", seeds, [math.inf] * len(seeds))
+        check_counts("seeds", state["seeds"], [math.inf] * self.num_envs)
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             check_stream_state(random, one)
 

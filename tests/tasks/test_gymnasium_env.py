@@ -233,7 +233,7 @@ def test_a_batch_renders_chosen_robots(monkeypatch):
         assert (height, width, camera) == (64, 96, "follow")
         state = (*info["position"][robot], info["heading"][robot], *info["spot"][robot])
         np.testing.assert_allclose(places, state, atol=1e-12)
-    assert len(batch.render()) == len(batch.call("render")) == 4
+    assert len(batch.render()) == 4
     for robot in (4, -1):
         with pytest.raises(IndexError, match=rf"robot must lie in \[0, 3\], got {robot}"):
             batch.render(robots=[robot])
@@ -245,31 +245,14 @@ def test_attributes_of_a_batch_are_those_of_single_envs():
     batch, single = make_pair("musebot/SpotFinding-v0", 3, "NextStep", max_episode_steps=3)
     for one in (batch, single):
         one.reset(seed=4)
-        one.set_attr("options", {"robot": (0.1, 0.0, 0.2)})
-        one.call("set_wrapper_attr", "options", {"spot": (0.2, 0.1)})
-        one.set_attr("np_random", [np.random.default_rng(robot) for robot in range(3)])
-    for name in ("options", "np_random_seed", "render_mode", "action_space"):
-        assert batch.get_attr(name) == batch.call(name) == single.get_attr(name)
-        assert batch.call("get_wrapper_attr", name) == batch.get_attr(name)
+    for name in ("np_random_seed", "render_mode", "action_space"):
+        assert batch.get_attr(name) == single.get_attr(name)
     for _ in range(9):
         ours, theirs = (one.step(np.full((3, 2), 0.1, np.float32)) for one in (batch, single))
         assert_same(ours[0], theirs[0])
     assert_same_info(ours[4], theirs[4])
-    assert (ours[4]["spot"] == (0.2, 0.1)).all()
     np.testing.assert_array_equal(batch.get_attr("position"), ours[4]["position"])
-    batch.set_state(batch.get_state())  # also with streams of unknown seeds
     assert batch.get_attr("spec")[0].id == single.get_attr("spec")[0].id
     assert batch.get_attr("model")[0].nu == 2
-    for call in (batch.get_attr, batch.call):
-        with pytest.raises(AttributeError, match=r"have the attributes \[.*\], got 'colour'"):
-            call("colour")
-    with pytest.raises(AttributeError, match="can be given .'np_random', 'options'., got 'spot'"):
-        batch.set_attr("spot", (0, 0))
-    for wrong in (np.random.default_rng(1), [np.random.default_rng(1)] * 2, [1, 2, 3]):
-        with pytest.raises(ValueError, match="np_random must be 3 generators, one for each robot"):
-            batch.np_random = wrong
-    for wrong, kind in (({"spot": (9, 9)}, ValueError), ({"colour": 1}, TypeError)):
-        for one in (batch, single):
-            with pytest.raises(kind):
-                one.set_attr("options", wrong)
-    assert batch.get_attr("options")[0] == {"spot": (0.2, 0.1)}
+    with pytest.raises(AttributeError, match=r"robots of a batch have \[.*\], got 'colour'"):
+        batch.get_attr("colour")

@@ -291,7 +291,7 @@ def test_a_change_of_the_model_counts_in_each_physics_step():
 
 
 def test_values_out_of_range_are_refused():
-    speed = r"motor_speed must be a number in \(0, 10\] m/s"
+    speed = r"motor_speed must be a number in \[0.001, 10\] m/s"
     speeds = (0, -1, 10.1, np.nan, np.inf, 10**400, "fast", True, 1j)
     for name, values, words in (
         ("robots", (0,), "robots must be a whole number of at least 1, got 0"),

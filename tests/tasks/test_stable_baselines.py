@@ -49,19 +49,9 @@ def test_attributes_are_those_of_each_robot():
     assert ours.get_attr("contact_steps", [1, 2]) == [0, 0]
     assert ours.get_images() == [None] * 3
     assert ours.get_attr("spec")[0] == gymnasium.spec("musebot/WallAvoidanceObstacles-v0")
-    place = {"robot": (0.1, 0.0, 0.3)}
-    assert ours.env_method("set_wrapper_attr", "options", place) == [True] * 3
-    assert ours.env_method("get_wrapper_attr", "options", indices=[1]) == [place]
-    ours.reset()
-    np.testing.assert_allclose(ours.get_attr("position"), [place["robot"][:2]] * 3)
-    ours.set_attr("options", {})
-    ours.reset()
-    assert not np.allclose(ours.get_attr("position"), place["robot"][:2])
-    with pytest.raises(ValueError, match="attributes can be set of all robots of a batch only"):
-        ours.set_attr("options", place, indices=0)
-    with pytest.raises(AttributeError, match=r"can be given .*'options'\), got 'speed'"):
+    with pytest.raises(AttributeError, match="no attributes to set, got 'speed'"):
         ours.set_attr("speed", 1)
-    with pytest.raises(AttributeError, match=r"robots have the methods \(.*\), got 'fly'"):
+    with pytest.raises(AttributeError, match="have no methods, got 'fly'"):
         ours.env_method("fly")
     assert ours.env_is_wrapped(Monitor, [1, 2]) == [False, False]
     assert ours.env_is_wrapped(Monitor) == [False] * 3
