@@ -162,7 +162,6 @@ class ClaimResult:
     claim: Claim
     verdict: Verdict
     why: str  # the numbers and the names of the tests; or which data are missing for a verdict
-    inequalities: tuple[TestedInequality, ...] = ()  # that the verdict rests on
     paper: Verdict = "not judged"  # on the same claim, by the paper's own tables
 
     @property
@@ -170,17 +169,6 @@ class ClaimResult:
         """The numbers and tests, and the verdict by the paper's own tables, if there is one."""
         own = f" The paper's own numbers: {self.paper}." if self.paper != "not judged" else ""
         return f"{self.why}{own}"
-
-    def as_json(self) -> dict[str, Any]:
-        """Returns the result as plain data."""
-        return {
-            "task": self.claim.task,
-            "claim": self.claim.says,
-            "verdict": self.verdict,
-            "why": self.why,
-            "verdict_by_paper_tables": self.paper,
-            "inequalities": [dataclasses.asdict(one) for one in self.inequalities],
-        }
 
 
 def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
@@ -200,7 +188,7 @@ def judge(claim: Claim, evidence: Evidence) -> ClaimResult:
         verdict = "holds"
     elif any(2 * one.p_against * len(inequalities) < ALPHA for one in inequalities):
         verdict = "does not hold"
-    return ClaimResult(claim, verdict, _because(inequalities), inequalities)
+    return ClaimResult(claim, verdict, _because(inequalities))
 
 
 def _because(inequalities: tuple[TestedInequality, ...]) -> str:

@@ -27,9 +27,8 @@ _WHO, _WORLD, _HOW = "who learns what", "brain and world", "how it is computed"
 
 @dataclasses.dataclass
 class Run:
-    """Simulate the robots that are missing in OUT; can be stopped and continued.
+    """Simulate the wanted robots that OUT lacks; can be stopped and continued.
 
-    --life, --proposer and --agent choose among the robots that OUT plans, or add some.
     Options that are not given keep the values in OUT, or have these defaults.
     """
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
-from typing import Any
 
 from ..terminal import show_markdown
 from .options import argument, option
@@ -24,7 +22,6 @@ class Tables:
         "class robots by their exact L; otherwise L is rounded to two decimals first, as the "
         "paper's counts suggest",
     )
-    json: bool = option(False, "print JSON instead of Markdown")
 
     def __call__(self) -> None:
         """Reads the runs and prints the tables; writes no file."""
@@ -43,13 +40,8 @@ class Tables:
                 )
                 for folder in folders
             )
-            shown: tuple[Any, ...] = (ours, other, compare_runs(ours, other))
-            as_json, markdown = tables.comparison_json, tables.comparison_markdown
+            text = tables.comparison_markdown(ours, other, compare_runs(ours, other))
         else:
             run = read_run(self.out, networks=False)  # it may be kept without its brains
-            shown = (dataclasses.replace(run, exact_classes=self.exact_classes),)
-            as_json, markdown = tables.as_json, tables.markdown
-        if self.json:
-            print(json.dumps(as_json(*shown), indent=2))
-        else:
-            show_markdown(markdown(*shown))
+            text = tables.markdown(dataclasses.replace(run, exact_classes=self.exact_classes))
+        show_markdown(text)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 from ..agents.names import short_name
 from ..analysis import comparison, intervals
@@ -17,7 +15,7 @@ from ..analysis.paper_claims import judge_all
 from ..analysis.paper_tables import Column, column, paper_column, row_names
 from ..runs.conditions import Condition
 from ..runs.experiment import Experiment, differing
-from ..runs.learn_ability import CATEGORIES, total_variation
+from ..runs.learn_ability import total_variation
 from ..runs.run import FEWEST_COMPARED, Run
 from . import markdown as md
 
@@ -144,64 +142,6 @@ def _joint_tests(run: Run) -> dict[str, float]:
     return {name: same_classes(pairs) for name, pairs in found.items()}
 
 
-def as_json(run: Run) -> dict[str, Any]:
-    """Returns the tables of a run and of the paper, and the claims, as data; None for NaN.
-
-    As in `markdown`, a run with few robots is neither tested nor compared with the paper.
-    """
-    found: dict[str, Any] = {}
-    for condition in run.conditions():
-        ours = column(run, condition)
-        paper = None if run.few else paper_column(condition)
-        entry = {"ours": _plain(ours), "paper": _plain(paper) if paper else None}
-        if not run.experiment.life_of(condition.task).tested:
-            shares, invalid = run.life_shares(condition), ours.summary.invalid
-            ends = intervals.mean(shares, intervals.SHARE)
-            score = {"share": float(shares.mean()) if len(shares) else math.nan}
-            own = {"robots": len(shares), "invalid": invalid, **score, "intervals": {"share": ends}}
-            entry = {"ours": own, "paper": None}
-        if paper:
-            distance, chance = _variation(ours, paper)
-            entry |= {"total_variation": distance, "total_variation_by_chance": chance}
-        found.setdefault(condition.task, {})[condition.proposer] = entry
-    experiment = run.experiment
-    return _finite(
-        {
-            "brain": experiment.brain_name,
-            "time_scale": experiment.time_scale,
-            "seed": experiment.seed,
-            "interval_level": intervals.LEVEL,
-            "exact_classes": run.exact_classes,
-            "tables": found,
-            "joint_tests": {} if run.few else _joint_tests(run),
-            "claims": [] if run.few else [result.as_json() for result in judge_all(run)],
-        }
-    )
-
-
-def _plain(column: Column) -> dict[str, Any]:
-    return {
-        "robots": column.summary.robots,
-        "invalid": column.summary.invalid,
-        "counts": dict(zip(CATEGORIES, column.summary.counts, strict=True)),
-        **{name: getattr(column.summary, name) for name in _NUMBERS},
-        "intervals": {
-            "shares": dict(zip(CATEGORIES, column.shares, strict=True)),
-            **{name: getattr(column, name) for name in _NUMBERS},
-        },
-    }
-
-
-def _finite(data: Any) -> Any:
-    """Returns plain data for JSON, with None for NaN and for an interval that is unknown."""
-    if isinstance(data, dict):
-        return {name: _finite(value) for name, value in data.items()}
-    if isinstance(data, list | tuple):
-        found = [_finite(value) for value in data]
-        return None if isinstance(data, tuple) and None in found else found
-    return None if isinstance(data, float) and math.isnan(data) else data
-
-
 # ---- The claims ----
 
 
@@ -301,21 +241,3 @@ def _left_out(cells: Sequence[comparison.Cell]) -> str:
         "out because only one has it: "
     )
     return f"{words}{found}." if found else ""
-
-
-def comparison_json(ours: Run, other: Run, cells: Sequence[comparison.Cell]) -> dict[str, Any]:
-    """Returns a comparison as plain data for JSON, with None for NaN; see `comparison_markdown`."""
-    found = [
-        {**dataclasses.asdict(cell), "difference": cell.difference, "differs": cell.differs}
-        for cell in cells
-    ]
-    for fields in found:
-        fields |= fields.pop("condition")  # task and proposer
-    return {
-        "ours": ours.name,
-        "other": other.name,
-        "differ_in": differing(ours.experiment, other.experiment),
-        "interval_level": intervals.LEVEL,
-        "alpha": ALPHA,
-        "cells": _finite(found),
-    }

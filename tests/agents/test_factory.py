@@ -169,7 +169,7 @@ def test_an_agent_is_imported_where_the_command_allows_it(held, words, tmp_path)
 
 def test_the_finished_robots_of_an_agent_need_no_trust(held):
     assert held(f"run out --proposer fixed --life {WALLS}") == (0, False)
-    assert held("tables out --compare out --json") == (0, False)
+    assert held("tables out --compare out") == (0, False)
 
 
 def test_the_guides_example_keeps_the_contract_is_simulated_and_stands_in_the_tables(

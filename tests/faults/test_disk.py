@@ -122,7 +122,7 @@ CASES = {
     "larger": ([RUN.format(1, "mujoco")], [RUN.format(2, "mujoco")]),
     "tune": ([], [TUNE]),
     "report": ([RUN.format(2, "kinematic")], ["report OUT"]),
-    "tables": ([RUN.format(2, "kinematic")], ["tables OUT", "tables OUT --json"]),
+    "tables": ([RUN.format(2, "kinematic")], ["tables OUT", "tables OUT --compare OUT"]),
 }
 
 

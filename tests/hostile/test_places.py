@@ -120,7 +120,7 @@ def test_a_closed_stream_or_one_of_ascii_changes_no_status_and_no_result(run, mo
         with monkeypatch.context() as patch:
             patch.setattr(sys, stream, None)
             assert cli.main(["run", str(run)]) == 0
-            assert cli.main(["tables", str(run), "--json"]) == 0
+            assert cli.main(["tables", str(run)]) == 0
             assert cli.main(["tables", str(run / "nothing")]) == 2
     assert (run / "tables.md").read_bytes() == tables
     out = io.TextIOWrapper(io.BytesIO(), encoding="ascii", errors="strict")
