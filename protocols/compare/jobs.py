@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...tasks.lives import control_steps
 from ..agents.factory import trust
-from ..errors import InputError, RunError
-from ..runs.checkpoints import restored_cohort, save_checkpoint
+from ..runs.checkpoints import restored_cohort
 from ..runs.conditions import CohortKey, Condition
 from ..runs.experiment import Experiment
-from ..runs.jobs import Report, Stop
+from ..runs.jobs import Report, Stop, live
 from ..runs.manifest import check_identity
 from ..runs.run import check_same_shapes
 from ..storage import Shapes, load_arrays, remove_files, save_arrays
@@ -84,8 +81,6 @@ class ArrayJob:
             arrays = self.work(progress)
         except StoppedError:
             return False
-        except (InputError, RunError) as error:
-            raise type(error)(f"{error}, in {self}") from error
         save_arrays(self.path, arrays, **self.identity)
         remove_files(self.path.parent, progress.checkpoint.name.__eq__)
         report(self.cost, "")
@@ -111,20 +106,11 @@ def simulate_cohort(experiment: Experiment, condition: Condition, progress: Prog
       whether each robot stayed stable, "valid" of shape (B,).
     """
     trust(condition.proposer)
-    cohort, message = restored_cohort(progress.checkpoint, experiment, CohortKey(condition, 0))
-    saved = time.monotonic()
-    try:
-        while not cohort.finished:
-            progress(experiment.robot_seconds(cohort.step), message)
-            cohort.advance(control_steps(1))
-            message = ""
-            if time.monotonic() - saved > SAVE_EVERY:
-                save_checkpoint(progress.checkpoint, cohort)
-                saved = time.monotonic()
-    except StoppedError:
-        save_checkpoint(progress.checkpoint, cohort)
-        raise
-    except (InputError, RunError) as error:  # of an agent
-        raise type(error)(f"{error}, at step {cohort.step}") from error
+    file = progress.checkpoint
+    cohort, message = restored_cohort(file, experiment, CohortKey(condition, 0))
+    progress.report(experiment.robot_seconds(cohort.step), message)
+    name = f"{file.parent.name}/{file.stem}"
+    if not live(cohort, file, name, SAVE_EVERY, progress.stop, progress.report):
+        raise StoppedError
     found = cohort.lives()
     return {"events": found.events.astype(np.int32), "valid": found.valid}

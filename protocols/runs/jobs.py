@@ -140,42 +140,57 @@ class CohortJob:
 
     def run(self, stop: Stop, report: Report) -> bool:
         trust(self.key.condition.proposer)  # checked by `UnfinishedRun.read`
-        seconds = self.experiment.robot_seconds
         checkpoint = checkpoint_file(self.directory, self.key)
         cohort, message = restored_cohort(checkpoint, self.experiment, self.key)
-        report(seconds(cohort.step), message)
-        reported = saved = time.monotonic()
-        while not cohort.finished:
-            if stop():
-                save_checkpoint(checkpoint, cohort)
-                return False
-            self._advance(cohort)
-            for cause, robots in cohort.newly_stopped().items():
-                sentence = f"{cause} in {self}: robots {robots} stopped by step {cohort.step}"
-                report(seconds(cohort.step), sentence)
-            if (now := time.monotonic()) - reported > _REPORT_EVERY:
-                report(seconds(cohort.step), "")
-                reported = now
-            if now - saved > self.save_every:
-                save_checkpoint(checkpoint, cohort)
-                saved = now
+        report(self.experiment.robot_seconds(cohort.step), message)
+        if not live(cohort, checkpoint, str(self), self.save_every, stop, report):
+            return False
         save_lives(self.path, cohort.lives(), self.experiment, self.key)
         remove_files(self.path.parent, checkpoint.name.__eq__)
-        report(seconds(cohort.step), "")
+        report(self.cost, "")
         return True
 
-    def _advance(self, cohort: Cohort) -> None:
-        """Simulates up to the next check of the clock: `_CHUNK` steps, on a GPU a simulated minute.
 
-        Raises:
-          InputError, RunError: an agent failed, or MuJoCo Warp has no room for a robot's contacts.
-        """
+def live(
+    cohort: Cohort, checkpoint: Path, name: str, save_every: float, stop: Stop, report: Report
+) -> bool:
+    """Simulates a cohort to the end of its life; returns False if it must stop before.
+
+    Args:
+      cohort: Cohort, new or restored from its checkpoint.
+      checkpoint: File of the checkpoint, which is also written before a stop.
+      name: Name of the job, for messages and errors.
+      save_every: Wall-clock seconds between two checkpoints.
+      stop: See `Job.run`.
+      report: See `Job.run`.
+
+    Raises:
+      InputError, RunError: an agent failed, or MuJoCo Warp has no room for a robot's contacts.
+    """
+    experiment = cohort.experiment
+    reported = saved = time.monotonic()
+    # Steps between two checks of the clock; on a GPU a simulated minute.
+    chunk = _CHUNK if experiment.device == HOST else control_steps(1)
+    while not cohort.finished:
+        if stop():
+            save_checkpoint(checkpoint, cohort)
+            return False
         try:
-            cohort.advance(_CHUNK if self.experiment.device == HOST else control_steps(1))
+            cohort.advance(chunk)
         except (InputError, RunError) as error:  # of an agent
-            raise type(error)(f"{error}, in {self} at step {cohort.step}") from error
+            raise type(error)(f"{error}, in {name} at step {cohort.step}") from error
         except CapacityError as error:
-            raise RunError(f"{error}, in {self} at step {cohort.step}") from error
+            raise RunError(f"{error}, in {name} at step {cohort.step}") from error
+        done = experiment.robot_seconds(cohort.step)
+        for cause, robots in cohort.newly_stopped().items():
+            report(done, f"{cause} in {name}: robots {robots} stopped by step {cohort.step}")
+        if (now := time.monotonic()) - reported > _REPORT_EVERY:
+            report(done, "")
+            reported = now
+        if now - saved > save_every:
+            save_checkpoint(checkpoint, cohort)
+            saved = now
+    return True
 
 
 def execute(
