@@ -162,7 +162,8 @@ def test_learners_with_too_few_robots_for_a_test_are_bold_unless_they_have_no_sc
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("folder", "lives"), [("lives", ("tasks", "drift")), ("lives-body", ("body",))]
+    ("folder", "lives"),
+    [("lives", ("tasks", "drift")), ("lives-body", ("body",)), ("lives-senses", ("senses",))],
 )
 def test_kept_pages_are_made_again_from_runs_that_lack_networks(monkeypatch, folder, lives):
     monkeypatch.undo()  # the kept bounds are not cheap
