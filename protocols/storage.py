@@ -14,7 +14,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any
@@ -240,21 +240,15 @@ def load_arrays(
       OSError: the file cannot be read.
     """
     _opened(path).close()  # safetensors would call a file invalid that it cannot open
-    arrays: dict[str, np.ndarray] = {}
-
-    def each(file: Any) -> Iterator[tuple[str, np.ndarray]]:
-        for name in sorted(file.keys()):
-            arrays[name] = file.get_tensor(name)
-            yield name, arrays[name]
-
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
             if check is not None:
                 slices = {name: file.get_slice(name) for name in file.keys()}
                 check({k: (x.get_dtype(), tuple(x.get_shape())) for k, x in slices.items()})
-            if metadata["digest"] != _digest(each(file), metadata["notes"]):
-                raise ValueError("its content does not match its digest")
+            arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
+        if metadata["digest"] != digest(arrays, metadata["notes"]):
+            raise ValueError("its content does not match its digest")
         if not isinstance(notes := parsed(path, metadata["notes"]), dict):
             raise ValueError("its notes are no object of JSON")
     except DamagedFileError:
@@ -266,12 +260,8 @@ def load_arrays(
 
 def digest(arrays: Mapping[str, np.ndarray], notes: str = "") -> str:
     """Returns 32 hexadecimal digits that identify arrays and notes."""
-    return _digest(sorted(arrays.items()), notes)
-
-
-def _digest(arrays: Iterable[tuple[str, np.ndarray]], notes: str) -> str:
     content = hashlib.blake2b(notes.encode(), digest_size=16)
-    for name, array in arrays:
+    for name, array in sorted(arrays.items()):
         content.update(f"{name} {array.dtype.str} {array.shape}".encode())
         content.update(np.ascontiguousarray(array).data)
     return content.hexdigest()
