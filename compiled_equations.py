@@ -8,6 +8,7 @@ the package, because Numba reuses compiled code until this file changes.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numba
 import numpy as np
@@ -219,6 +220,43 @@ HOLDS, SLIDES, STICKS, SLIPS, REFUSES = range(5)
 DISTANCES, TOUCH, SMELL = 0, 4, 5
 
 
+class Body(NamedTuple):
+    """A robot in its arena, in [m]."""
+
+    length: float  # largest |x| of the robot's centre
+    width: float  # largest |y| of the robot's centre
+    wheel_base: float
+    speed: float  # of a wheel for a motor value of 1, in [m/s]
+    radius: float
+    nose: float  # distance of the nose from the centre
+    margin: float  # gap to a wall below which the robot is near it
+
+
+class Motion(NamedTuple):
+    """How a robot moves, see `models.kinematic.Kinematics`."""
+
+    wall: int  # index in `models.kinematic.WALLS`
+    pushed: bool  # whether contact is felt where the wheels push into a wall
+    any_contact: bool
+    arc: bool  # whether a path is an arc
+    seconds: float  # duration of one of the `pieces` of a control step
+    pieces: int
+    late: float  # share of a wheel's initial speed error that remains, mean over a piece
+    behind: float  # the same at the end of a piece
+    grip: float
+
+
+class Task(NamedTuple):
+    """What a robot senses and what is rewarded, see `tasks.sensors.Nose`."""
+
+    smells: bool
+    sees: bool  # whether it senses distances and contact
+    odour: float
+    frustum: float
+    spot: float  # radius in [m]
+    printed: bool  # whether the smell has the printed form of Eq. 3
+
+
 @_body
 def _share(start, step, room):
     """Returns the share of a step, along one axis, after which a robot meets the wall."""
@@ -226,13 +264,12 @@ def _share(start, step, room):
 
 
 @_body
-def drive(size, how, pose, left, right):
+def drive(body, motion, pose, left, right):
     """Moves a robot along a path as `models.kinematic.drive`; returns whether it pushes a wall."""
-    length, width, base, speed, _, _, _ = size
-    wall, _, _, arc, seconds, _, _, grip = how
-    turn = (right - left) * speed / base * seconds
-    ahead, along = (left + right) * speed / 2 * seconds, pose[2]
-    if arc:
+    length, width, wall, seconds = body.length, body.width, motion.wall, motion.seconds
+    turn = (right - left) * body.speed / body.wheel_base * seconds
+    ahead, along = (left + right) * body.speed / 2 * seconds, pose[2]
+    if motion.arc:
         half = turn / 2
         ahead, along = ahead * (math.sin(half) / half if half else 1.0), along + half
     x, y = ahead * math.cos(along), ahead * math.sin(along)
@@ -248,7 +285,8 @@ def drive(size, how, pose, left, right):
         pose[1] += share * y
         x, y = (1 - share) * x, (1 - share) * y  # what the wall prevents
         if wall == SLIPS and share < 1:
-            x, y = slip(x, y, (1 - share) * seconds * grip, first <= share, second <= share)
+            grip = (1 - share) * seconds * motion.grip
+            x, y = slip(x, y, grip, first <= share, second <= share)
         else:
             x, y = 0.0, 0.0
     pose[0] = min(max(pose[0] + x, -length), length)
@@ -272,62 +310,61 @@ def slip(x, y, grip, lengthwise, across):
 
 
 @_body
-def move(size, how, pose, wheels, left, right):
+def move(body, motion, pose, wheels, left, right):
     """Moves a robot for a control step; see `tasks.kinematic.after_control_step`.
 
     Returns whether the robot is in contact.
     """
-    length, width, _, _, _, _, margin = size
-    _, pushed, anywhen, _, _, pieces, (late, behind), _ = how
-    contact = False
-    for _ in range(pieces):
+    late, behind, contact = motion.late, motion.behind, False
+    for _ in range(motion.pieces):
         missing = wheels[0] - left, wheels[1] - right
         mean = left + missing[0] * late, right + missing[1] * late
         wheels[0], wheels[1] = left + missing[0] * behind, right + missing[1] * behind
-        pushing = drive(size, how, pose, mean[0], mean[1])
-        gap = min(length - abs(pose[0]), width - abs(pose[1]))
-        contact = (contact and anywhen) or (pushing if pushed else gap <= margin)
+        pushing = drive(body, motion, pose, mean[0], mean[1])
+        gap = min(body.length - abs(pose[0]), body.width - abs(pose[1]))
+        felt = pushing if motion.pushed else gap <= body.margin
+        contact = (contact and motion.any_contact) or felt
     return contact
 
 
 @_body
-def measure(size, pose, spot, touch, sensors):
+def measure(body, pose, spot, touch, sensors):
     """Writes what a robot measures; see `tasks.kinematic.measure`."""
-    length, width, _, _, radius, nose, _ = size
+    radius = body.radius
     cosine, sine = math.cos(pose[2]), math.sin(pose[2])
     rays = ((cosine, sine), (-cosine, -sine), (-sine, cosine), (sine, -cosine))
     for number, (x, y) in enumerate(rays):
-        along = (math.copysign(length + radius, x) - pose[0]) / x
-        across = (math.copysign(width + radius, y) - pose[1]) / y
+        along = (math.copysign(body.length + radius, x) - pose[0]) / x
+        across = (math.copysign(body.width + radius, y) - pose[1]) / y
         sensors[DISTANCES + number] = max(min(along, across) - radius, 0.0)
     sensors[TOUCH] = touch
     x, y = spot[0] - pose[0], spot[1] - pose[1]
-    sensors[SMELL] = cosine * x + sine * y - nose
+    sensors[SMELL] = cosine * x + sine * y - body.nose
     sensors[SMELL + 1] = cosine * y - sine * x
 
 
 @_body
-def move_all(size, how, robots, motors):
+def move_all(body, motion, robots, motors):
     """Moves all robots for a control step and writes what they measure; `motors` are (B, 2)."""
     poses, wheels, touch, spots, sensordata, _ = robots
     for robot in range(len(poses)):
         pose, (left, right) = poses[robot], motors[robot]
-        touch[robot] = move(size, how, pose, wheels[robot], left, right)
-        measure(size, pose, spots[robot], touch[robot], sensordata[robot])
+        touch[robot] = move(body, motion, pose, wheels[robot], left, right)
+        measure(body, pose, spots[robot], touch[robot], sensordata[robot])
 
 
 @_body
 def sense(task, turn, sensors, state):
     """Writes a robot's state, shape (S,); returns its reward, and whether the measured event holds.
 
-    `task` says whether the robot senses the spot, the walls, or both. `turn` holds cosine and sine
-    of the nose's angle on the rim, and the nose's distance from the centre.
+    `turn` holds cosine and sine of the nose's angle on the rim, and the nose's distance from the
+    centre.
     """
-    smells, sees, odour, frustum, spot, printed = task
+    smells, odour, spot = task.smells, task.odour, task.spot
     cosine, sine, nose = turn
     touched = sensors[TOUCH] > 0
     reward, event = -1.0 if touched else 0.0, touched
-    if sees:
+    if task.sees:
         for number in range(4):
             base = 1 + max(sensors[DISTANCES + number], 0.0)
             square = base * base
@@ -341,11 +378,11 @@ def sense(task, turn, sensors, state):
         distance = math.sqrt(x * x + y * y)
         event = distance < spot
         ratio = spot / max(distance, spot)
-        ratio = 1 / ratio if printed else ratio
-        raw = odour * ratio * max(1 - 2 * abs(math.atan2(y, x)) / frustum, 0.0)
+        ratio = 1 / ratio if task.printed else ratio
+        raw = odour * ratio * max(1 - 2 * abs(math.atan2(y, x)) / task.frustum, 0.0)
         raw = odour if event else raw
         state[0] = raw / (1 + raw)
-        reward = 0.0 if sees and touched else raw / (1 + raw)
+        reward = 0.0 if task.sees and touched else raw / (1 + raw)
     return reward, event
 
 
@@ -354,9 +391,8 @@ def simulate(world, robots, brain, draws, learning, counts):
     """Simulates control steps of robots, one robot after the other; counts their events.
 
     Args:
-      world: Tuples of numbers: two of `KinematicBatch.compiled_arguments`; then, of
-        `protocols.runs.compiled_life`, one that describes the task, the wheels of the `World` in
-        single precision, and `turn` of `sense`.
+      world: `Body`, `Motion`, `Task`, the wheels of the `World` in single precision, and `turn` of
+        `sense`.
       robots: Arrays of `KinematicBatch.compiled_arguments`: poses, wheels, contacts, spots, sensor
         data, and whether robots are valid. All but the spots are changed in place.
       brain: Tuple of `nets`, `neurons` and `now` (the present step) of a `CompiledNeurocontroller`.
@@ -365,7 +401,7 @@ def simulate(world, robots, brain, draws, learning, counts):
       counts: Number of steps in which each robot's measured event has held so far, shape (B,);
         increased in place.
     """
-    size, how, task, (a, b, c, d), turn = world
+    body, motion, task, (a, b, c, d), turn = world
     poses, wheels, touch, spots, sensordata, valid = robots
     nets, neurons, now = brain
     rows, actions, exploring = draws
@@ -389,8 +425,8 @@ def simulate(world, robots, brain, draws, learning, counts):
                 left, right = a * left + b * right, c * left + d * right
                 left, right = min(max(left, F(-0.5)), F(0.5)), min(max(right, F(-0.5)), F(0.5))
                 motors = np.float64(left), np.float64(right)
-                touch[robot] = move(size, how, pose, wheels[robot], *motors)
-                measure(size, pose, spots[robot], touch[robot], sensors)
+                touch[robot] = move(body, motion, pose, wheels[robot], *motors)
+                measure(body, pose, spots[robot], touch[robot], sensors)
             else:
                 pose[:], wheels[robot], touch[robot], sensors[:] = 0, 0, 0, 0
             reward, event = sense(task, turn, sensors, state)

@@ -63,10 +63,7 @@ class KinematicBatch(Robots):
             self._numbers = numbers_of(self.dimensions, self.kinematics)
 
     def compiled_arguments(self) -> tuple[Any, Any, Any]:
-        """Returns what the compiled equations read: two tuples of numbers, and one of arrays.
-
-        The first tuple describes robot and arena, the second the `Kinematics`.
-        """
+        """Returns what the compiled equations read: a `Body`, a `Motion`, and a tuple of arrays."""
         state = self._poses, self._wheels, self._touch, self._spots, self.sensordata, self.valid
         return *self._numbers, state
 
@@ -143,20 +140,32 @@ def after_control_step(
 
 
 def numbers_of(size: Dimensions, how: Kinematics) -> tuple[Any, Any]:
-    """Returns the numbers of `KinematicBatch.compiled_arguments`."""
-    room = size.half_length - size.radius, size.half_width - size.radius
-    speed = 2 * size.motor_speed  # [m/s] for a motor value of 1
-    body = *room, size.wheel_base, speed, size.radius, size.nose, size.contact_margin
+    """Returns the `Body` and the `Motion` of the compiled equations."""
+    from ..compiled_equations import Body, Motion
+
+    body = {
+        "length": size.half_length - size.radius,
+        "width": size.half_width - size.radius,
+        "wheel_base": size.wheel_base,
+        "speed": 2 * size.motor_speed,
+        "radius": size.radius,
+        "nose": size.nose,
+        "margin": size.contact_margin,
+    }
     seconds = CONTROL_TIMESTEP / how.pieces
-    # Shares of a wheel's initial speed error that remain on average, and at the end.
-    late, behind = (
-        float(speeds[0, 0])
-        for speeds in follow_motors(np.ones((1, 2)), np.zeros((1, 2)), seconds, how.lag)
+    late, behind = follow_motors(np.ones((1, 2)), np.zeros((1, 2)), seconds, how.lag)
+    motion = Motion(
+        wall=WALLS.index(how.wall),
+        pushed=how.felt == "pushed",
+        any_contact=how.any_contact,
+        arc=how.path == "arc",
+        seconds=seconds,
+        pieces=how.pieces,
+        late=float(late[0, 0]),
+        behind=float(behind[0, 0]),
+        grip=grip(size),
     )
-    felt = how.felt == "pushed", how.any_contact
-    path = how.path == "arc", seconds, how.pieces
-    at_wall = grip(size)
-    return tuple(map(float, body)), (WALLS.index(how.wall), *felt, *path, (late, behind), at_wall)
+    return Body(**{name: float(value) for name, value in body.items()}), motion
 
 
 def touches(poses: np.ndarray, size: Dimensions) -> np.ndarray:

@@ -26,8 +26,8 @@ def simulate(
     """
     if not compilable(batch):
         return False
-    size, how, robots = batch.compiled_arguments()
-    world = size, how, *world_numbers(batch)
+    body, motion, robots = batch.compiled_arguments()
+    world = body, motion, *world_numbers(batch)
     parts = brain.nets, brain.neurons, brain.now
     block = 1 + _BLOCK // (len(counts) * brain.actions)
     while steps:
@@ -53,7 +53,7 @@ def world_numbers(batch: KinematicBatch) -> tuple[Any, Any, Any]:
     rules, angle = batch.task_rules, math.radians(batch.world.nose)
     smells, sees = isinstance(rules, SpotFindingRules), isinstance(rules, WallAvoidanceRules)
     nose = rules.nose if isinstance(rules, SpotFindingRules) else SpotFindingRules.nose
-    numbers = map(float, (nose.odour, nose.frustum, nose.spot_radius))
-    task = smells, sees, *numbers, nose.form == "printed"
+    odour, frustum, spot = map(float, (nose.odour, nose.frustum, nose.spot_radius))
+    task = equations.Task(smells, sees, odour, frustum, spot, nose.form == "printed")
     turn = math.cos(angle), math.sin(angle), float(batch.dimensions.nose)
     return task, tuple(map(np.float32, batch.world.wheels)), turn
