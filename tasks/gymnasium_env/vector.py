@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from ...models.physics import Physics
-from ..batch import CapacityError
+from ..batch import Batch, CapacityError
 from ..episode import (
     Lifecycle,
     check_counts,
@@ -30,7 +30,6 @@ from ..episode import (
 from ..lives import Leg, place
 from ..sensors import Nose
 from ..starts import Start, random_spots
-from ..suite import make_batch
 from .common import (
     FPS,
     PICTURE,
@@ -107,16 +106,17 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         nose = kwargs.pop("nose", "inverse")
-        robots = 1 if backend == "warp" else num_envs  # Warp needs its model and rules only
-        name = definition.life.task if definition.life else definition.name
-        self._batch = make_batch(name, robots, nose=nose, threads=threads)
+        if backend == "warp" and definition.life:
+            raise ValueError("a life needs the backend 'mujoco', got 'warp'")
+        model = definition.spec().compile()
+        rules = definition.rules.of(model, nose)
         if backend == "warp":
-            if definition.life:
-                raise ValueError("a life needs the backend 'mujoco', got 'warp'")
             from ..tensors.warp import WarpBatch
 
-            self._batch = WarpBatch(self._batch.model, self._batch.rules, num_envs)
-        rules, size = self._batch.rules, self._batch.dimensions
+            self._batch: Batch = WarpBatch(model, rules, num_envs)
+        else:
+            self._batch = Batch(model, rules, num_envs, threads=threads)
+        size = self._batch.dimensions
         self._episode = definition.episode(Start(**kwargs), size, steps, rules, nose)
         self.single_observation_space, self.single_action_space = spaces(rules, definition.limit)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
