@@ -112,7 +112,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         timestep = environment.reset(options=options)
         self._counts = [0, 0]
         self._show()
-        return _state(timestep.observation), self._info(0)
+        return _state(timestep.observation), self._info(*self._ended())
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulates 0.1 s for a left and right action within `action_space`, shape (2,).
@@ -126,9 +126,13 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if environment.task.steps >= environment.task.episode.steps:
             raise RuntimeError("reset must be called after the end of a life")
         timestep = environment.step(action)
+        contact, in_spot = self._ended()
+        self._counts[0] += contact
+        self._counts[1] += in_spot
         self._show()
         over = environment.task.steps >= environment.task.episode.steps  # of a life
-        return _state(timestep.observation), timestep.reward, False, over, self._info(1)
+        info = self._info(contact, in_spot)
+        return _state(timestep.observation), timestep.reward, False, over, info
 
     def render(self) -> Any:
         """Draws the window, or returns a picture.
@@ -179,17 +183,18 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "mujoco_renderer": None}
 
-    def _info(self, steps: int) -> dict[str, Any]:
-        """Returns the entries of `INFO`, after `steps` further control steps (0 or 1)."""
+    def _ended(self) -> tuple[bool, bool]:
+        """Returns `_events` at the end of the step, before the robot was perhaps placed."""
+        return self._events(self._environment.task.ended[1])
+
+    def _info(self, contact: bool, in_spot: bool) -> dict[str, Any]:
+        """Returns the entries of `INFO` for the robot whose step has `_ended` so."""
         physics, task = self._environment.physics, self._environment.task
         # Scalars of Python: a few small arrays would cost as much as a tenth of the step.
         x, y, _, w, i, j, k = physics.qpos.tolist()[:7]
-        rules, ended = task.ended
-        counts, of_life = self._counts, {}
-        contact, in_spot = self._events(ended)
-        counts[0] += steps * contact
-        counts[1] += steps * in_spot
+        of_life = {}
         if task.episode.life:
+            rules, ended = task.ended
             of_life = life_info(task.episode, task.steps, bool(rules.event(ended)[0]))
             contact, in_spot = self._events(physics.readings)  # perhaps placed since
         return {
@@ -198,8 +203,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             "spot": physics.spot_position(),
             "contact": contact,
             "in_spot": in_spot,
-            "contact_steps": counts[0],
-            "in_spot_steps": counts[1],
+            "contact_steps": self._counts[0],
+            "in_spot_steps": self._counts[1],
             **of_life,
         }
 
