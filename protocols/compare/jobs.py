@@ -40,13 +40,13 @@ class Progress:
     stop: Stop
     report: Report
 
-    def __call__(self, done: float, message: str = "") -> None:
+    def __call__(self, done: float) -> None:
         """Reports an amount of work done so far, in the unit of `ArrayJob.cost`.
 
         Raises:
           StoppedError: the job is asked to stop.
         """
-        self.report(done, message)
+        self.report(done, "")
         if self.stop():
             raise StoppedError
 

@@ -116,8 +116,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             self._batch: Batch = WarpBatch(model, rules, num_envs)
         else:
             self._batch = Batch(model, rules, num_envs, threads=threads)
-        size = self._batch.dimensions
-        self._episode = definition.episode(Start(**kwargs), size, steps, rules, nose)
+        start, size = Start(**kwargs), self._batch.dimensions
+        self._episode = definition.episode(start, size, steps, rules, nose)
         self.single_observation_space, self.single_action_space = spaces(rules, definition.limit)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -150,7 +150,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         Raises AttributeError where robots of a batch have no such attribute.
         """
         found = {own: entry for own, entry in self._info().items() if own[0] != "_"}
-        found |= {own: getattr(self, own) for own in ("np_random", "np_random_seed")}
+        found |= {"np_random": self._randoms, "np_random_seed": self._seeds}
         shared = {
             "action_space": self.single_action_space,
             "observation_space": self.single_observation_space,
