@@ -44,18 +44,18 @@ def same(first, second):
     return first.keys() == second.keys() and all(first[k].equal(second[k]) for k in first)
 
 
-def random_policies(task, robots=2, seed=0):
-    """Returns policies of a task with random weights, which differ before and after training."""
-    from musebot.protocols.agents.ppo import Policies, policy_shapes
+def random_policy(task, seed=0):
+    """Returns a policy of a task with random weights, which differ before and after training."""
+    from musebot.protocols.agents.policy import Policy, policy_shapes
     from musebot.protocols.agents.signals import senses_of
 
     random = np.random.default_rng(seed)
-    shapes = policy_shapes(len(senses_of(task).state), robots)
+    shapes = policy_shapes(len(senses_of(task).state))
     arrays = {
         name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
         for name, (_, shape) in shapes.items()
     }
-    return Policies(task, arrays)
+    return Policy(task, arrays)
 
 
 def run_of_rows(rows, experiment=None, *, minutes=1, name="run"):

@@ -37,7 +37,6 @@ SIGNALS = {
         SMELL.format("one of two noses on the rim, 30 degrees to the left and right of the front"),
     ),
 }
-POLICY_STEPS = 327_680
 
 
 def pages(docs: Path) -> dict[str, str]:
@@ -119,7 +118,7 @@ How they were measured, and the code: [what learners earn](../../tasks.md#what-l
 policy was trained with
 
 ```sh
-musebot benchmark ppo runs/{name} --task {name} --policies 1 --steps {POLICY_STEPS}
+musebot benchmark ppo runs/{name} --task {name}
 ```
 
 ## Open it

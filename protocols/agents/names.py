@@ -26,14 +26,12 @@ OWN: Mapping[str, tuple[str, str]] = {
     "dqn_shrink_perturb": ("musebot:dqn_shrink_perturb", "learners.plasticity"),
     "dqn_continual": ("musebot:dqn_continual", "learners.plasticity"),
     "dqn_centred": ("musebot:dqn_centred", "learners.plasticity"),
-    "ppo": ("musebot.protocols.ppo:ppo", "ppo"),
     "hand_coded": ("musebot.protocols.baselines:hand_coded", "hand_coded"),
     "newborn": ("musebot:newborn", "neurocontroller"),
 }
 RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
 FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}
 LOWER, UPPER = "newborn", "hand_coded"  # bounds of what a robot can learn
-TRAINED_BEFORE = "ppo"  # our agent that learned before its life
 OWN_BOUNDS = {RECORDED_NAMES[name] for name in (LOWER, UPPER)}
 OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # agents that compute the raw signals themselves
 

@@ -1,4 +1,4 @@
-"""`musebot benchmark`: tunes, simulates and compares learners, and trains policies by PPO."""
+"""`musebot benchmark`: tunes, simulates and compares learners, and trains a policy by PPO."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class _Conducted:
         given = vars(self)
         how = ("out", "processes", "ray")
         options = {name: value for name, value in given.items() if name not in how and value != ()}
-        workers = executor(given["processes"], given.get("ray"))
+        workers = executor(given.get("processes"), given.get("ray"))
         show_markdown(conduct(study(**options), given["out"], workers).markdown)
 
 
@@ -57,7 +57,7 @@ class Run(_Conducted):
         (), "lives that change: body, drift, tasks, senses (body, tasks, drift)", "LIFE"
     )
     agent: tuple[str, ...] = option(
-        (), "learners: paper, steady, or of `musebot list agents` (all but ppo)", "NAME"
+        (), "learners: paper, steady, or of `musebot list agents` (all)", "NAME"
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
     set: tuple[str, ...] = option((), "other settings, as dqn.rate=0.001", "AGENT.NAME=X")
@@ -105,21 +105,17 @@ class Tune(_Conducted):
 
 @dataclasses.dataclass
 class PPO(_Conducted):
-    """Train policies by PPO on any task, one random seed each.
+    """Train a policy by PPO on any task.
 
-    Writes OUT/policies.safetensors. These policies can drive robots, in films and in the window.
-    Needs Stable-Baselines3.
+    Writes OUT/policy.safetensors, which can drive a robot in films and in the window. Needs
+    Stable-Baselines3.
     """
 
     study = "ppo", "PPOTraining"
 
     out: Path = argument(_OUT, "OUT")
     task: str = option(dataclasses.MISSING, "task that `musebot list tasks` prints", "TASK")
-    policies: int = option(60, "number of policies; more can be added later (60)", "N")
     steps: int = option(
-        144_000,
-        "control steps of each policy's 16 robots together, a multiple of 4096 (144000)",
-        "N",
+        327_680, "control steps of 16 robots together, a multiple of 4096 (327680)", "N"
     )
-    seed: int = option(0, "seed of the first policy; each further one has the next (0)", "N")
-    processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
+    seed: int = option(0, "seed of the policy, its exploration and its episodes (0)", "N")

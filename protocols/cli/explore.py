@@ -24,8 +24,8 @@ class Explore:
         "wall_avoidance",
     )
     out: Path | None = option(None, "folder of a run to take a brain from", "OUT")
-    policies: Path | None = option(
-        None, "file of PPO's policies for this task (the policy that musebot brings)", "FILE"
+    policy: Path | None = option(
+        None, "file of PPO's policy for this task (the policy that musebot brings)", "FILE"
     )
     keys: bool = option(False, "drive with the arrow keys")
     random: bool = option(False, "drive at random")
@@ -34,7 +34,7 @@ class Explore:
     )
     agent: str | None = option(None, "agent of the robot; only for a run", "AGENT")
     robot: int | None = option(
-        None, "number of the robot within its condition, or of the policy (0)", "N"
+        None, "number of the robot within its condition; only for a run (0)", "N"
     )
     phase: str | None = option(
         None, "the robot before (pre) or after (post) training (post)", choices=("pre", "post")
@@ -44,19 +44,18 @@ class Explore:
         """Opens the window, which needs a display."""
         from ..pages import viewer
 
-        if sum((self.out is not None, self.policies is not None, self.keys, self.random)) > 1:
-            raise InputError("only one of --out, --policies, --keys and --random can drive")
-        for name in ("proposer", "agent"):
-            if getattr(self, name) and not self.out:
+        if sum((self.out is not None, self.policy is not None, self.keys, self.random)) > 1:
+            raise InputError("only one of --out, --policy, --keys and --random can drive")
+        for name in ("proposer", "agent", "robot"):
+            if getattr(self, name) is not None and not self.out:
                 raise InputError(f"--{name} needs --out, the run to take a brain from")
-        for name in ("robot", "phase"):
-            if getattr(self, name) is not None and (self.keys or self.random):
-                raise InputError(f"--{name} chooses a brain or a policy, got --keys or --random")
+        if self.phase is not None and (self.keys or self.random):
+            raise InputError("--phase chooses a brain or a policy, got --keys or --random")
         viewer.explore(self.task, self._driver())
 
     def _driver(self) -> Driver | None:
         """Returns the driver; None for random motor values."""
-        from ..agents.ppo import Policies, policy_file
+        from ..agents.policy import Policy, policy_file
         from ..pages.replay import StoredRobot, robots_named
         from ..pages.viewer import ArrowKeys, Driver
         from ..runs.run_files import read_run
@@ -65,10 +64,10 @@ class Explore:
             return None
         if self.keys:
             return Driver("arrow keys", ArrowKeys())
-        robot, phase = self.robot or 0, self.phase or "post"
+        phase = self.phase or "post"
         if self.out:
             run = read_run(self.out, replay=True)
             condition = robots_named(self.task, self.proposer, self.agent)
-            return Driver.of_robot(StoredRobot(run, condition, robot, phase))
-        policies = Policies.load(self.policies or policy_file(self.task), self.task)
-        return Driver.of_policy(policies, robot, phase)
+            return Driver.of_robot(StoredRobot(run, condition, self.robot or 0, phase))
+        policy = Policy.load(self.policy or policy_file(self.task), self.task)
+        return Driver.of_policy(policy, phase)

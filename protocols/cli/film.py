@@ -21,12 +21,12 @@ class Film:
 
     task: str = option(
         dataclasses.MISSING,
-        "life of the run, such as spot_finding; or the task of the policies",
+        "life of the run, such as spot_finding; or the task of the policy",
         "TASK",
     )
     output: Path = option(dataclasses.MISSING, "film to write, an .mp4 or a small .gif", "FILE")
     out: Path | None = argument(
-        "folder of a run, or a .safetensors file of policies; without it the policy that musebot "
+        "folder of a run, or a .safetensors file of a policy; without it the policy that musebot "
         "brings",
         "OUT",
         None,
@@ -37,7 +37,9 @@ class Film:
     agent: str | None = option(
         None, "agent of the robot, as `musebot run --agent` takes it; only for a run", "AGENT"
     )
-    robot: int = option(0, "number of the robot within its condition, or of the policy (0)", "N")
+    robot: int | None = option(
+        None, "number of the robot within its condition; only for a run (0)", "N"
+    )
     phase: str | None = option(
         None,
         "the robot before (pre) or after (post) training, or both side by side (post)",
@@ -60,7 +62,7 @@ class Film:
         say(str(self.output))
 
     def _episodes(self) -> Iterator[Episode | Relived]:
-        from ..agents.ppo import Policies, policy_file
+        from ..agents.policy import Policy, policy_file
         from ..pages.replay import Episode, Relived, StoredRobot, robots_named
         from ..runs.manifest import same_physics
         from ..runs.run_files import read_run
@@ -68,7 +70,7 @@ class Film:
         if self.minute is not None and (self.phase, self.seed) != (None, None):
             raise InputError("--minute films a life as it was: it excludes --phase and --seed")
         phases = ("pre", "post") if self.phase == "both" else (self.phase or "post",)
-        seed = self.seed or 0
+        seed, robot = self.seed or 0, self.robot or 0
         source = self.out or policy_file(self.task)
         if source.is_file() and source.suffix != ".safetensors":
             raise InputError(f"{source} is neither a run's folder nor a .safetensors file")
@@ -77,16 +79,15 @@ class Film:
             condition = robots_named(self.task, self.proposer, self.agent)
             if self.minute is None:
                 for phase in phases:
-                    yield StoredRobot(run, condition, self.robot, phase, seed).episode()
+                    yield StoredRobot(run, condition, robot, phase, seed).episode()
                 return
             if not run.experiment.on_tensors and not same_physics(source):
                 notice(f"{source} was simulated in another physics, in which lives differ")
-            yield Relived.at(run, condition, self.robot, self.minute)
+            yield Relived.at(run, condition, robot, self.minute)
             return
-        if self.proposer or self.agent:
-            raise InputError(f"{source} holds policies, which have no proposer and no agent")
-        if self.minute is not None:
-            raise InputError(f"{source} holds policies, which have no life: --minute is of a run")
-        policies = Policies.load(source, self.task)
+        for name in ("proposer", "agent", "robot", "minute"):
+            if getattr(self, name) is not None:
+                raise InputError(f"{source} holds a policy: --{name} chooses among a run's robots")
+        policy = Policy.load(source, self.task)
         for phase in phases:
-            yield Episode.of_policy(policies, self.robot, phase, seed)
+            yield Episode.of_policy(policy, phase, seed)

@@ -58,7 +58,6 @@ _AGENTS = {
     "dqn_shrink_perturb": "dqn_no_replay with weights that shrink and receive noise.",
     "dqn_continual": "dqn_no_replay with continual backpropagation.",
     "dqn_centred": "dqn_no_replay with reward centring.",
-    "ppo": "Policies trained by PPO before their life, one a robot.",
     "hand_coded": "A hand-coded policy, which learns nothing: a bound from above.",
     "newborn": "An untrained creative robot with the brain `steady`: a bound from below.",
 }

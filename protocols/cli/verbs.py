@@ -21,7 +21,7 @@ VERBS: Mapping[str, tuple[str, str, str]] = {
 BENCHMARK: Mapping[str, tuple[str, str, str]] = {
     "benchmark run": ("benchmark", "Run", "compare learners in lives that change"),
     "benchmark tune": ("benchmark", "Tune", "tune an agent's settings, with equal effort"),
-    "benchmark ppo": ("benchmark", "PPO", "train policies by PPO"),
+    "benchmark ppo": ("benchmark", "PPO", "train a policy by PPO"),
 }
 
 

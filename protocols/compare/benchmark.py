@@ -13,7 +13,7 @@ from ...fields import shown, whole
 from ...models import Kinematics
 from ...tasks.lives import BODY, CHANGING_TASK, DRIFT, LIVES, Life
 from ..agents.factory import factory_of, trust
-from ..agents.names import LOWER, OWN, TRAINED_BEFORE, UPPER, recorded_name, short_name
+from ..agents.names import LOWER, OWN, UPPER, recorded_name, short_name
 from ..agents.settings import settings_from
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
 from ..errors import InputError, check_name, nearest
@@ -27,7 +27,7 @@ from .lives_page import Column, Row, page
 from .study import Page, RunJobs, Study, simulate_runs
 from .tune import LIKE_MUJOCO, read_tunings
 
-LEARNERS = tuple(name for name in OWN if name not in (TRAINED_BEFORE, LOWER, UPPER))
+LEARNERS = tuple(name for name in OWN if name not in (LOWER, UPPER))
 HEADLINE = (BODY.name, CHANGING_TASK.name, DRIFT.name)
 _BRAINS = "paper", "steady"  # by default; any brain may be given
 # Robots of a cohort. In MuJoCo, 30 can become 60 later; large kinematic cohorts are cheaper.
@@ -148,7 +148,7 @@ class Benchmark(Study):
         """Names of brains, and recorded names of agents, whose code is trusted from now on."""
         names = [name if name in BRAINS else recorded_name(name) for name in self.agent]
         for name in names:
-            if short_name(name) in (LOWER, UPPER, TRAINED_BEFORE, *PROPOSERS):
+            if short_name(name) in (LOWER, UPPER, *PROPOSERS):
                 raise InputError(f"{short_name(name)} is no learner of the benchmark")
             if name not in BRAINS:
                 trust(name)

@@ -1,4 +1,4 @@
-"""The study that trains policies by PPO as a reference for the robots (docs/agents.md)."""
+"""Trains a policy by PPO on any task, as a reference for robots that learn during a life."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
 
 from ...fields import whole
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.ppo import POLICIES_FILE, policy_shapes
+from ..agents.policy import policy_shapes
 from ..agents.signals import senses_of
 from ..errors import InputError, check_name
-from ..storage import save_arrays
 from .jobs import ArrayJob, Arrays, Progress
 from .study import Page, RunJobs, Study
 
@@ -27,26 +25,24 @@ from .study import Page, RunJobs, Study
 # A discount of 0.95 is too small for the long search for the spot: two seeds of spot_finding_unit
 # earned 0.32 and 0.67 a step with it, 0.83 and 0.76 with 0.98.
 SETTINGS = {"n_steps": 256, "batch_size": 512, "learning_rate": 1e-3, "gamma": 0.98}
-ROBOTS = 16  # in lockstep for one policy
-_MOST_POLICIES = 10_000
+ROBOTS = 16  # in lockstep
+POLICY_FILE = "policy.safetensors"
 
 _ROLLOUT = SETTINGS["n_steps"] * ROBOTS  # control steps
 
 
 @dataclasses.dataclass
 class PPOTraining(Study):
-    """Trains policies by PPO, one random seed each; its fields are options of `benchmark ppo`."""
+    """Trains a policy by PPO; its fields are options of `musebot benchmark ppo`."""
 
     name: ClassVar[str] = "ppo"
-    folders: ClassVar[tuple[str, ...]] = ("policies",)
 
     task: str
-    policies: int = whole(60, 1, _MOST_POLICIES)
-    steps: int = whole(144_000, 1, 10**9)
-    seed: int = whole(0, 0, 2**32 - _MOST_POLICIES)
+    steps: int = whole(327_680, 1, 10**9)
+    seed: int = whole(0, 0, 2**32 - 1)
 
     def identity(self) -> Mapping[str, Any]:
-        """Returns all options but the number of policies, which may be increased later."""
+        """Returns all options, and the settings of the training."""
         check_name("task", self.task, TASKS)
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
@@ -54,39 +50,24 @@ class PPOTraining(Study):
         return own | {"settings": SETTINGS, "robots": ROBOTS}
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
-        """Trains the policies, and joins them in one file.
-
-        Raises:
-          InputError: OUT holds more policies than `policies`; nothing was done.
-        """
-        held = len(list((out / "policies").glob("*.safetensors")))
-        if held > self.policies:
-            raise InputError(f"{out} holds {held} policies, more than {self.policies}")
-        run_jobs(self._jobs(out))
-        policies = [job.read() for job in self._jobs(out)]
-        arrays = {name: np.concatenate([one[name] for one in policies]) for name in policies[0]}
-        save_arrays(out / POLICIES_FILE, arrays, **self.identity())
+        run_jobs([self._job(out)])
 
     def page(self, out: Path) -> Page:
-        del out
-        last = self.seed + self.policies - 1
+        self._job(out).read()
         return Page(
-            f"`{POLICIES_FILE}` holds {self.policies} policies for the task `{self.task}`, trained "
-            f"by PPO with the seeds {self.seed} to {last}, each for {rounded(self.steps):,} "
-            f"control steps of {ROBOTS} robots together.\n"
+            f"`{POLICY_FILE}` holds a policy for the task `{self.task}`, trained by PPO with the "
+            f"seed {self.seed} for {rounded(self.steps):,} control steps of {ROBOTS} robots "
+            "together.\n"
         )
 
-    def _jobs(self, out: Path) -> list[ArrayJob]:
-        return [
-            ArrayJob(
-                out / "policies" / f"{number:04d}.safetensors",
-                functools.partial(train, self.task, self.steps, self.seed + number),
-                rounded(self.steps) * CONTROL_TIMESTEP,
-                policy_shapes(len(senses_of(self.task).state), 1),
-                {"task": self.task, "steps": self.steps, "seed": self.seed + number},
-            )
-            for number in range(self.policies)
-        ]
+    def _job(self, out: Path) -> ArrayJob:
+        return ArrayJob(
+            out / POLICY_FILE,
+            functools.partial(train, self.task, self.steps, self.seed),
+            rounded(self.steps) * CONTROL_TIMESTEP,
+            policy_shapes(len(senses_of(self.task).state)),
+            self.identity(),
+        )
 
 
 def rounded(steps: int) -> int:
@@ -95,12 +76,12 @@ def rounded(steps: int) -> int:
 
 
 def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
-    """Trains one policy on one core; its control steps are rounded up to whole rollouts.
+    """Trains a policy on one core; its control steps are rounded up to whole rollouts.
 
     The seed is that of the policy, its exploration and its episodes.
 
     Returns:
-      Weights in the form of `agents.ppo.Policies` with B = 1.
+      Weights in the form of `agents.policy.Policy`.
 
     Raises:
       StoppedError: the job is asked to stop.
@@ -123,11 +104,11 @@ def train(task: str, steps: int, seed: int, progress: Progress) -> Arrays:
 
 
 def _weights(policy: Any, when: str) -> Arrays:
-    """Copies the layers that give the mean action as arrays (1, ...); `when` begins their names."""
+    """Copies the layers that give the mean action; `when` begins their names."""
     modules = itertools.chain(policy.mlp_extractor.policy_net, [policy.action_net])
     layers = [module for module in modules if isinstance(module, torch.nn.Linear)]
     weights = {}
     for number, layer in enumerate(layers):
-        weights[f"{when}.{number}.weights"] = layer.weight.detach().numpy()[None].copy()
-        weights[f"{when}.{number}.biases"] = layer.bias.detach().numpy()[None].copy()
+        weights[f"{when}.{number}.weights"] = layer.weight.detach().numpy().copy()
+        weights[f"{when}.{number}.biases"] = layer.bias.detach().numpy().copy()
     return weights

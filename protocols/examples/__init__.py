@@ -12,5 +12,5 @@ ROBOT = _HERE / "robot"
 
 
 # Policies that PPO trained, TASK.safetensors for each task of the suite:
-# `musebot benchmark ppo OUT --task TASK --policies 1 --steps 327680`.
+# `musebot benchmark ppo OUT --task TASK`.
 POLICIES = _HERE / "policies"

@@ -1,4 +1,4 @@
-"""Simulates robots with stored brains or policies: one in an episode, or many in a batch.
+"""Simulates robots with stored brains or a policy: one in an episode, or many in a batch.
 
 A run does not store the random streams of its robots. Their motion therefore differs from that in
 the run, unless nothing is random.
@@ -35,7 +35,7 @@ from ..runs.run import ConditionResults, Run, When
 from ..terminal import notice
 
 if TYPE_CHECKING:
-    from ..agents.ppo import Policies
+    from ..agents.policy import Policy
 
 SEED = 0  # default seed of random streams, which a run does not store
 
@@ -96,21 +96,21 @@ class Episode:
     random: np.random.Generator  # draws the spot's places in tasks in which it jumps
 
     @classmethod
-    def of_policy(cls, policies: Policies, robot: int, phase: str, seed: int) -> Episode:
-        """Returns the episode that Gymnasium's `reset(seed=seed)` starts in the policies' task.
+    def of_policy(cls, policy: Policy, phase: str, seed: int) -> Episode:
+        """Returns the episode that Gymnasium's `reset(seed=seed)` starts in the policy's task.
 
         Raises:
-          InputError: there is no such policy, or a value is invalid; see `policy_act`.
+          InputError: there is no such phase or seed.
         """
         when = f"{_when(phase, seed)} training"
-        act, task = policy_act(policies, robot, phase), policies.task
+        act, task = policy_act(policy, phase), policy.task
         batch, random = make_batch(task, 1), np.random.default_rng(seed)
         pose, spot = Start().draw(random, batch.dimensions)
         batch.place_spot(_ALONE, spot[None])
         batch.place(_ALONE, pose[None])
         steps = TASKS[task].time_limit / CONTROL_TIMESTEP
         event = "in the spot" if issubclass(TASKS[task].rules, SpotFindingRules) else "in contact"
-        return cls(task, f"PPO, policy {robot}", when, event, batch, act, steps, random)
+        return cls(task, "PPO", when, event, batch, act, steps, random)
 
     @property
     def seconds(self) -> float:
@@ -139,9 +139,9 @@ class Episode:
             events += event
 
 
-def policy_act(policies: Policies, robot: int, phase: str) -> Act:
+def policy_act(policy: Policy, phase: str) -> Act:
     """Returns a policy's action function in the phase "pre" or "post"; InputError if none."""
-    return functools.partial(policies.one(robot).act, trained=_when(phase) == "after")
+    return functools.partial(policy.act, trained=_when(phase) == "after")
 
 
 def _when(phase: str, seed: int = SEED) -> When:

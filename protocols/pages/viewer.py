@@ -22,13 +22,13 @@ from ..runs.experiment import Experiment
 from .replay import Act, StoredRobot, policy_act
 
 if TYPE_CHECKING:
-    from ..agents.ppo import Policies
+    from ..agents.policy import Policy
 
 # GLFW's codes of keys; importing dm_control's own names would look for a display.
 UP, DOWN, LEFT, RIGHT = 265, 264, 263, 262
 RELEASE = 0
 
-Policy = Callable[[dm_env.TimeStep], np.ndarray]
+DmPolicy = Callable[[dm_env.TimeStep], np.ndarray]
 """Returns left and right motor value in [-0.5, 0.5], shape (2,), for a time step of a task."""
 
 
@@ -37,7 +37,7 @@ class Driver:
     """Driver of the robot in the window."""
 
     name: str
-    policy: Policy
+    policy: DmPolicy
     nose: NoseForm = "inverse"  # form of Eq. 3 by which the robot's nose computes the smell
     task: str | None = None  # task that the driver has learned; None for any task
 
@@ -62,10 +62,10 @@ class Driver:
         )
 
     @classmethod
-    def of_policy(cls, policies: Policies, robot: int, phase: str) -> Driver:
+    def of_policy(cls, policy: Policy, phase: str) -> Driver:
         """Returns a policy trained by PPO as a driver; see `replay.policy_act`."""
-        act = policy_act(policies, robot, phase)
-        return cls(f"PPO, policy {robot}, {phase}-training", sensing(lambda: act))
+        act = policy_act(policy, phase)
+        return cls(f"PPO, {phase}-training", sensing(lambda: act))
 
 
 def explore(task: str, driver: Driver | None = None) -> None:
@@ -106,7 +106,7 @@ def check_display() -> None:
         raise InputError(f"a window needs GLFW, but MUJOCO_GL is {backend!r}: unset it; {remedy}")
 
 
-def random_motors(seed: int, steps: int = 10) -> Policy:
+def random_motors(seed: int, steps: int = 10) -> DmPolicy:
     """Returns a policy that draws uniform motor values and holds each for `steps` control steps."""
     random = np.random.default_rng(seed)
     drawn = (random.uniform(-0.5, 0.5, 2) for _ in itertools.count())
@@ -137,7 +137,7 @@ class ArrowKeys:
         return np.clip([ahead + turn, ahead - turn], -0.5, 0.5)
 
 
-def sensing(make: Callable[[], Act]) -> Policy:
+def sensing(make: Callable[[], Act]) -> DmPolicy:
     """Returns a policy that acts by a function, which `make` makes anew for each episode."""
     act = make()  # raises InputError before a window opens
 

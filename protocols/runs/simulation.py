@@ -14,7 +14,7 @@ import torch
 
 from ..agents.base import Agent
 from ..agents.factory import check_trusted
-from ..agents.names import TRAINED_BEFORE, is_own, short_name
+from ..agents.names import is_own
 from ..agents.settings import settings_from
 from ..errors import DamagedFileError, InputError, RunError, missing_extra
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
@@ -145,7 +145,7 @@ def check_agents(plan: Plan, held: Measured | None = None) -> None:
         if condition.has_brain:
             continue
         proposer = condition.proposer
-        if is_own(proposer) and not differ and short_name(proposer) != TRAINED_BEFORE:
+        if is_own(proposer) and not differ:
             # Measured on 1 and 2 robots, before all are made; other agents may need all robots.
             one, two = (_sizes(make_agent(experiment, condition, n, 0)) for n in (1, 2))
             check_agent_memory(plan, condition, *(two - one))

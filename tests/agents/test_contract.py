@@ -14,7 +14,7 @@ from musebot.protocols.agents.settings import Setting, tunable
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
 
-OWN_CASES = [(name, "spot_finding", "raw") for name in OWN if name != "ppo"]
+OWN_CASES = [(name, "spot_finding", "raw") for name in OWN]
 OWN_CASES += [("sarsa_lambda", "wall_avoidance", "paper"), ("newborn", "spot_finding", "paper")]
 
 
@@ -231,7 +231,7 @@ def test_robots_may_differ_in_the_settings_that_say_so(of, words, mine):
 
 
 def test_an_agent_that_cannot_be_made_is_an_error():
-    for name, settings in (("mine:Lost", ()), ("mine:Mean", ("rate=1",)), ("ppo", ())):
+    for name, settings in (("mine:Lost", ()), ("mine:Mean", ("rate=1",))):
         with pytest.raises(InputError):
             check_agent(name, settings)
 

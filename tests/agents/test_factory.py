@@ -47,7 +47,6 @@ RECORDED = {
     "dqn_shrink_perturb": "musebot:dqn_shrink_perturb",
     "dqn_continual": "musebot:dqn_continual",
     "dqn_centred": "musebot:dqn_centred",
-    "ppo": "musebot.protocols.ppo:ppo",
     "hand_coded": "musebot.protocols.baselines:hand_coded",
     "newborn": "musebot:newborn",
 }
@@ -87,7 +86,7 @@ def test_the_streams_of_an_agent_depend_on_its_recorded_name():
     for task, name, index, brains, world in (
         # Numbers that version 0.1 drew, before agents moved to modules of their own.
         (WALLS, "q_learner", 0, 1224422446278906331, 5640226469081146786),
-        ("spot_finding", "ppo", 3, 6216940540376297096, 4770454849655423297),
+        ("spot_finding", "musebot.protocols.ppo:ppo", 3, 6216940540376297096, 4770454849655423297),
     ):
         key = CohortKey(Condition(task, recorded_name(name)), index)
         seed, random = random_streams(1, key)

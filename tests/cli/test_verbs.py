@@ -53,7 +53,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["report"], "missing: OUT"),
         (["film", "--task", "spot_finding", "--output", "x.txt"], "x.txt"),
         (["film", "nowhere", "--task", "spot_finding", "--output", "x.gif"], "nowhere"),
-        (["explore", "--keys", "--random"], "only one of --out, --policies, --keys and --random"),
+        (["explore", "--keys", "--random"], "only one of --out, --policy, --keys and --random"),
         (["explore", "wall_avoidance", "--proposer", "fixed"], "--proposer needs --out"),
         (["explore", "dancing"], "there is no task 'dancing'; there are "),
         (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),

@@ -1,4 +1,4 @@
-"""Policies are trained by Stable-Baselines3's PPO, kept one by one, and joined."""
+"""A policy is trained by Stable-Baselines3's PPO and kept."""
 
 import importlib.util
 from pathlib import Path
@@ -8,10 +8,10 @@ import pytest
 import torch
 from helpers import files_below
 
-from musebot.protocols.agents.ppo import POLICIES_FILE, Policies
+from musebot.protocols.agents.policy import Policy
 from musebot.protocols.compare import ppo
 from musebot.protocols.compare.jobs import Progress
-from musebot.protocols.compare.ppo import PPOTraining
+from musebot.protocols.compare.ppo import POLICY_FILE, PPOTraining
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.errors import InputError
 from musebot.protocols.storage import load_arrays
@@ -39,7 +39,7 @@ def test_a_kept_policy_acts_as_stable_baselines_does_before_and_after_training()
 
     task = "wall_avoidance_unit"
     progress = Progress(Path(), lambda: False, lambda *_: None)
-    ours = Policies(task, ppo.train(task, ROLLOUT, 3, progress))
+    ours = Policy(task, ppo.train(task, ROLLOUT, 3, progress))
     torch.set_num_threads(1)
     env = ArenaVecEnv(task, ppo.ROBOTS)
     theirs = PPO("MlpPolicy", env, seed=3, device="cpu", **ppo.SETTINGS)
@@ -52,29 +52,20 @@ def test_a_kept_policy_acts_as_stable_baselines_does_before_and_after_training()
 
 
 @needs_it
-def test_policies_added_later_equal_those_trained_together(tmp_path, in_process):
-    here = in_process()
-    for out, numbers in (("grown", (1, 2)), ("whole", (2,))):
-        for policies in numbers:
-            page = conduct(PPOTraining(TASK, policies, steps=1, seed=5), tmp_path / out, here)
-    assert "2 policies for the task `spot_finding_unit`" in page.markdown
-    assert "seeds 5 to 6, each for 256 control steps" in page.markdown
-    assert [job.path.name for job in here.jobs] == [f"000{n}.safetensors" for n in (0, 1, 0, 1)]
-    path = tmp_path / "grown" / POLICIES_FILE
-    assert path.read_bytes() == (tmp_path / "whole" / POLICIES_FILE).read_bytes()
-    arrays, notes = load_arrays(path)
+def test_a_finished_training_is_not_repeated_and_has_no_other_options(tmp_path, in_process):
+    here, out = in_process(), tmp_path / "out"
+    for _ in range(2):
+        page = conduct(PPOTraining(TASK, steps=1, seed=5), out, here)
+    assert "holds a policy for the task `spot_finding_unit`" in page.markdown
+    assert "the seed 5 for 256 control steps" in page.markdown
+    assert [job.path.name for job in here.jobs] == [POLICY_FILE]
+    notes = load_arrays(out / POLICY_FILE)[1]
     settings = {"steps": 1, "seed": 5, "settings": ppo.SETTINGS, "robots": ppo.ROBOTS}
     assert notes == settings | {"task": TASK}
-    assert arrays["after.0.weights"].shape == (2, 64, 1)
-    assert (arrays["after.0.weights"][0] != arrays["after.0.weights"][1]).any()
+    Policy.load(out / POLICY_FILE, TASK)
     before = files_below(tmp_path)
-    for options, words in (
-        ({"steps": 2}, "holds a study with steps 1, not 2"),
-        ({"policies": 1}, "holds 2 policies, more than 1"),
-    ):
-        asked = {"policies": 2, "steps": 1, "seed": 5} | options
-        with pytest.raises(InputError, match=words):
-            conduct(PPOTraining(TASK, **asked), tmp_path / "grown", here)
+    with pytest.raises(InputError, match="holds a study with steps 1, not 2"):
+        conduct(PPOTraining(TASK, steps=2, seed=5), out, here)
     assert files_below(tmp_path) == before
 
 
@@ -86,7 +77,7 @@ def test_without_stable_baselines_nothing_is_made(tmp_path, in_process, monkeypa
 
 
 def test_an_invalid_option_is_refused():
-    ends = {"policies": (0, 10_001), "steps": (0,), "seed": (-1, 2**32 - 59), "task": ("flying",)}
+    ends = {"steps": (0,), "seed": (-1, 2**32), "task": ("flying",)}
     for name, values in ends.items():
         for value in values:
             with pytest.raises(InputError, match=f"{name} must .*, got |there is no {name} "):

@@ -46,7 +46,7 @@ NAMES = (
     "wheel_base lag pieces wall felt motor_speed brain.epsilon brain.ideas "
     "kinematics.lag rate"
 ).split()
-PLACES = "--output --config --compare --out --policies --tuned --runs --json --car-xml".split()
+PLACES = "--output --config --compare --out --policy --tuned --runs --json --car-xml".split()
 
 _SHORT = "--robots 2 --time-scale 0.002"
 # A sound command line of each verb; the options come from the verb's own fields.
@@ -97,11 +97,11 @@ def places(base, folder):
     for name, target in (links | {"film_link.mp4": folder / "film.mp4"}).items():
         (folder / name).symlink_to(target)
     os.mkfifo(folder / "pipe")
-    shutil.copy(base / "a" / "policies.safetensors", folder)
+    shutil.copy(base / "a" / "policy.safetensors", folder)
     names = [
         "new", "run", "foreign", "file.txt", "link", "to_run", "dangling", "loop", "hidden", "pipe",
         "file.txt/x", "a/b/c", "a[/]b", "x\ny", "\x1b[2J", "\udcff", "x" * 255, "x" * 4000,
-        "y/" * 2000 + "z", "policies.safetensors", "new.mp4", "film.mp4", "film_link.mp4",
+        "y/" * 2000 + "z", "policy.safetensors", "new.mp4", "film.mp4", "film_link.mp4",
         "new.gif", "new.html", "foreign/new.html", "new.svg", "link/new.mp4", "new.json", "🤖.mp4",
         "MP4.MP4", "-", "\u202e.mp4", "foreign/notes.txt", "foreign/x.mp4", "nowhere/x.mp4",
         "run/robots.csv", "run/x.mp4", "run/figures", "run/experiment.json", "..", ".",

@@ -10,14 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import safetensors
-from helpers import random_policies
+from helpers import random_policy
 from hostile import mutations as change
 from hostile import oracle
 from hostile.mutations import one
 
 from musebot.protocols import exit_status
 from musebot.protocols.agents.names import recorded_name
-from musebot.protocols.agents.ppo import Policies
+from musebot.protocols.agents.policy import Policy
 from musebot.protocols.runs import checkpoints
 from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import CohortKey, Condition
@@ -48,8 +48,8 @@ def make(folder, seed, invented):
     cohort.advance(10**6)
     path = checkpoints.finished_file(folder, KEY)
     checkpoints.save_lives(path, cohort.lives(), short, KEY)
-    policies = random_policies(TASK, seed=seed)
-    save_arrays(folder / "policies.safetensors", policies.arrays, task=TASK, seed=seed)
+    policy = random_policy(TASK, seed=seed)
+    save_arrays(folder / "policy.safetensors", policy.arrays, task=TASK, seed=seed)
 
 
 def _make_run(folder, experiment, robots, invented):
@@ -113,9 +113,9 @@ def finished_of(folder):
     return _digest(*(array for _, array in sorted(lives.arrays().items())))
 
 
-def policies_of(folder):
-    """Reads policies and lets one act."""
-    policy = Policies.load(folder / "policies.safetensors", TASK).one(0)
+def policy_of(folder):
+    """Reads a policy and lets it act."""
+    policy = Policy.load(folder / "policy.safetensors", TASK)
     state = np.array([[0.3, 0.2, 0.1, 0.5, 0.0]], dtype=np.float32)
     motors = [policy.act(state, trained) for trained in (False, True)]
     assert np.isfinite(motors).all(), "motor values that are not finite"
@@ -215,7 +215,7 @@ KINDS = (
     Kind("results", "run/results.safetensors", run_of),
     Kind("checkpoint", f"checkpoints/{KEY}.safetensors", checkpoint_of),
     Kind("finished cohort", f"checkpoints/{KEY}.finished.safetensors", finished_of),
-    Kind("policies", "policies.safetensors", policies_of),
+    Kind("policy", "policy.safetensors", policy_of),
 )  # fmt: skip
 
 
@@ -233,10 +233,10 @@ def working(kind, folder):
 # ---- Cases ----
 
 SEED = 20040
-# Accepted changes of a result by kinds of files: nothing could tell of sound weights of other
-# policies, nor of sound values with a digest written anew.
+# Accepted changes of a result by kinds of files: nothing could tell of sound weights of another
+# policy, nor of sound values with a digest written anew.
 UNTOLD = {kind.name: ["forged"] for kind in KINDS if kind.file.endswith(".safetensors")}
-UNTOLD["policies"] += ["swapped", "mixed_up", "link_to_other"]
+UNTOLD["policy"] += ["swapped", "mixed_up", "link_to_other"]
 
 
 _TRUE = {}

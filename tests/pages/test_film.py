@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from helpers import random_policies
+from helpers import random_policy
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
@@ -224,18 +224,18 @@ def test_a_film_keeps_no_more_moments_than_a_trail_draws():
 def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
     directory, tmp_path, capsys
 ):
-    walkers = random_policies("spot_finding_walls").arrays
+    walkers = random_policy("spot_finding_walls").arrays
     save_arrays(tmp_path / "p.safetensors", walkers, task="spot_finding_walls")
     (tmp_path / "text.csv").write_text("text")
     output = ["--output", str(tmp_path / "film.mp4")]
     walls, spot = "--task spot_finding_walls", "--task spot_finding"
     for source, words, sentence in (
-        ("p.safetensors", "--task dancing", "policies for spot_finding_walls, not for dancing"),
-        ("p.safetensors", f"{walls} --proposer creative", "policies, which have no proposer"),
-        ("p.safetensors", f"{walls} --robot 2", "the policies are 0 to 1, got 2"),
+        ("p.safetensors", "--task dancing", "a policy for spot_finding_walls, not for dancing"),
+        ("p.safetensors", f"{walls} --proposer creative", "holds a policy: --proposer chooses"),
+        ("p.safetensors", f"{walls} --robot 0", "holds a policy: --robot chooses"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
         ("q.safetensors", spot, "there is no file"),
-        (directory / "results.safetensors", spot, "holds no policies"),
+        (directory / "results.safetensors", spot, "holds no policy"),
         ("text.csv", spot, "is neither a run's folder nor a .safetensors file"),
     ):
         assert cli.main(["film", str(tmp_path / source), *words.split(), *output]) == 2

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import random_policies
+from helpers import random_policy
 from PIL import ImageDraw
 
 from musebot.protocols.pages import scene
@@ -36,7 +36,7 @@ def drawn(monkeypatch):
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, drawn):
-    episode = Episode.of_policy(random_policies(task), 0, "post", 0)
+    episode = Episode.of_policy(random_policy(task), "post", 0)
     shot, panel = next(episode.moments()), Panel(episode, speed=1, seconds=1)
     before = panel.frame(IMAGE, shot)
     assert before.shape == (HEIGHT, WIDTH, 3)
@@ -57,7 +57,7 @@ def test_the_panel_shows_every_signal_inside_the_frame_and_keeps_events(task, dr
 
 def test_the_panel_writes_each_number_beside_its_name(drawn):
     distances = np.array([0.11, 0.22, 0.33, 0.44])
-    episode = Episode.of_policy(random_policies("wall_avoidance"), 0, "pre", 0)
+    episode = Episode.of_policy(random_policy("wall_avoidance"), "pre", 0)
     shot = next(episode.moments())
     shot = dataclasses.replace(
         shot, time=72.3, event_seconds=18.1, motors=np.array([0.25, -0.4]),

@@ -6,7 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from helpers import random_policies
+from helpers import random_policy
 
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
@@ -44,9 +44,9 @@ def lived(experiment, condition):
 )
 def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(task, phase):
     gymnasium_env = pytest.importorskip("musebot.tasks.gymnasium_env")
-    policies = random_policies(task)
+    policy = random_policy(task)
     steps = 2 * (TASKS[task].spot_steps or 15) + 5
-    episode = Episode.of_policy(policies, 1, phase, seed=3)
+    episode = Episode.of_policy(policy, phase, seed=3)
     moments = list(itertools.islice(episode.moments(), steps))
     robots = gymnasium_env.ArenaVectorEnv(task, 1)
     state, _ = robots.reset(seed=3)
@@ -55,7 +55,7 @@ def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(task, phase
         np.testing.assert_allclose(sensed, state[0], rtol=1e-6)
         np.testing.assert_array_equal(moment.pose, robots._batch.pose[0])
         np.testing.assert_array_equal(moment.spot, robots._batch.spot[0])
-        motors = policies.one(1).act(state, phase == "post")
+        motors = policy.act(state, phase == "post")
         np.testing.assert_array_equal(moment.motors, motors[0])
         state, *_ = robots.step(motors * 2 * TASKS[task].limit)
     spots = len(np.unique([moment.spot for moment in moments], axis=0))
@@ -64,12 +64,12 @@ def test_episode_is_the_one_that_gymnasium_starts_with_the_same_seed(task, phase
 
 
 def test_episode_lasts_as_long_as_that_of_the_task_or_as_its_simulation_is_stable():
-    episode = Episode.of_policy(random_policies("spot_finding_unit"), 0, "post", 0)
+    episode = Episode.of_policy(random_policy("spot_finding_unit"), "post", 0)
     times = [moment.time for moment in episode.moments()]
     np.testing.assert_allclose(times, 0.1 * np.arange(1001))
     episode.batch.stop(np.array([0]))
     assert len([*episode.moments()]) == 1
-    assert Episode.of_policy(random_policies("spot_finding"), 0, "post", 0).seconds == float("inf")
+    assert Episode.of_policy(random_policy("spot_finding"), "post", 0).seconds == float("inf")
 
 
 def test_the_time_with_the_event_adds_up():
@@ -231,7 +231,7 @@ def test_an_agent_that_cannot_take_over_weights_is_named(run):
     with pytest.raises(InputError, match="q_learner cannot take over .* of run: .* is missing"):
         StoredRobot(other, condition, 0, "post").act()
     with pytest.raises(InputError, match="a proposer or an agent, not both"):
-        robots_named("spot_finding", "fixed", "ppo")
+        robots_named("spot_finding", "fixed", "avg")
 
 
 # ---- Batches ----

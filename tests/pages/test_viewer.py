@@ -7,7 +7,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from helpers import random_policies
+from helpers import random_policy
 
 from musebot import tasks
 from musebot.protocols.errors import InputError
@@ -96,13 +96,13 @@ def window(monkeypatch):
 @pytest.mark.parametrize("task", TASKS)
 def test_every_task_receives_actions_in_its_own_units(window, task):
     viewer.explore(task)
-    viewer.explore(task, viewer.Driver.of_policy(random_policies(task), 1, "post"))
+    viewer.explore(task, viewer.Driver.of_policy(random_policy(task), "post"))
     viewer.explore(task, viewer.Driver("arrow keys", viewer.ArrowKeys()))
-    policy = viewer.Driver.of_policy(random_policies("spot_finding_walls"), 1, "post").policy
+    policy = viewer.Driver.of_policy(random_policy("spot_finding_walls"), "post").policy
     viewer.explore(task, viewer.Driver("walls", policy, task="spot_finding_walls"))
     by_chance, by_policy, by_keys, other = window.opened
     assert other.title == "Musebot: spot_finding_walls, walls"  # of the task that was learned
-    assert by_policy.title == f"Musebot: {task}, PPO, policy 1, post-training"
+    assert by_policy.title == f"Musebot: {task}, PPO, post-training"
     assert np.abs(by_chance.actions).max() > 0
     limit = TASKS[task].limit
     np.testing.assert_array_equal(by_keys.actions, [[0, 0], [limit, limit]])

@@ -9,7 +9,7 @@ from musebot.protocols.agents.names import OWN
 from musebot.protocols.agents.settings import settings_of
 
 INGREDIENTS = ("dqn_l2", "dqn_shrink_perturb", "dqn_continual", "dqn_centred")
-LEARNERS = tuple(name for name in OWN if name not in ("ppo", "hand_coded", "newborn"))
+LEARNERS = tuple(name for name in OWN if name not in ("hand_coded", "newborn"))
 SENSES = Senses((Signal(0, 1), Signal(-1, 0)), Signal(0, 1))
 pytestmark = pytest.mark.parametrize("name", LEARNERS)
 
