@@ -16,7 +16,6 @@ import secrets
 import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any
 
 import numpy as np
@@ -29,14 +28,8 @@ from .errors import DamagedFileError, InputError, RunError
 _MOST_BYTES_OF_PATH = 1000  # of OUT, the folder named by the user
 _MOST_BYTES = 2**24  # of a text or of JSON; a larger file is not read
 _BITS = {"float": (16, 32, 64), "int": (8, 16, 32, 64), "uint": (8, 16, 32, 64)}
-DTYPES: Mapping[np.dtype, str] = MappingProxyType(
-    {np.dtype(f"{kind}{n}"): f"{kind[0].upper()}{n}" for kind in _BITS for n in _BITS[kind]}
-    | {np.dtype(bool): "BOOL"}
-)
-"""Dtypes that a file can hold, and their names in safetensors."""
-
-Shapes = Mapping[str, tuple[str, tuple[int, ...]]]
-"""Dtype (as safetensors names it) and shape of each array of a file, by the array's name."""
+DTYPES = np.dtype(bool), *(np.dtype(f"{kind}{n}") for kind in _BITS for n in _BITS[kind])
+"""Dtypes that a file can hold."""
 
 _DIGEST = "digest"  # key of a JSON file's digest, which is in the file
 # Name of a temporary file, which an interrupted write leaves; nothing else has such names.
@@ -224,28 +217,18 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     write_atomically(path, save(contiguous, metadata=metadata))
 
 
-def load_arrays(
-    path: Path, check: Callable[[Shapes], None] | None = None
-) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     """Reads the arrays and the notes that `save_arrays` wrote.
-
-    Args:
-      path: File that `save_arrays` wrote.
-      check: Function that receives the dtype and shape of each array, by name, before any array
-        is read. It raises ValueError to refuse the file.
 
     Raises:
       FileNotFoundError: there is no such file.
-      DamagedFileError: the file is truncated, altered, of another kind, or refused by `check`.
+      DamagedFileError: the file is truncated, altered or of another kind.
       OSError: the file cannot be read.
     """
     _opened(path).close()  # safetensors would call a file invalid that it cannot open
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = parsed(path, (file.metadata() or {})["musebot"])
-            if check is not None:
-                slices = {name: file.get_slice(name) for name in file.keys()}
-                check({k: (x.get_dtype(), tuple(x.get_shape())) for k, x in slices.items()})
             arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
         if metadata["digest"] != digest(arrays, metadata["notes"]):
             raise ValueError("its content does not match its digest")

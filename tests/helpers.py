@@ -53,7 +53,7 @@ def random_policy(task, seed=0):
     shapes = policy_shapes(len(senses_of(task).state))
     arrays = {
         name: (random.normal(size=shape) / np.sqrt(shape[-1])).astype("f4")
-        for name, (_, shape) in shapes.items()
+        for name, shape in shapes.items()
     }
     return Policy(task, arrays)
 

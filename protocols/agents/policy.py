@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Self
@@ -15,7 +14,7 @@ import numpy as np
 from ...tasks.suite import TASKS
 from ..errors import DamagedFileError, InputError, check_name
 from ..examples import POLICIES
-from ..storage import Shapes, load_arrays
+from ..storage import load_arrays
 from .signals import senses_of
 
 WIDTHS = 64, 64  # tanh neurons of the hidden layers; the output is the mean action
@@ -42,7 +41,7 @@ class Policy:
           InputError: there is no such file, or it holds no policy for this task.
         """
         try:
-            arrays, notes = load_arrays(path, _check_shapes)
+            arrays, notes = load_arrays(path)
         except FileNotFoundError as error:
             raise InputError(str(error)) from error
         trained_on = notes.get("task")
@@ -50,9 +49,9 @@ class Policy:
             raise DamagedFileError(f"{path} holds no policy")
         if trained_on != task:
             raise InputError(f"{path} holds a policy for {trained_on}, not for {task}")
-        signals, own = arrays["after.0.weights"].shape[1], len(senses_of(task).state)
-        if signals != own:
-            raise DamagedFileError(f"{path}: {task} has {own} signals, its policy {signals}")
+        shapes = {name: array.shape for name, array in arrays.items()}
+        if shapes != policy_shapes(len(senses_of(task).state)):
+            raise DamagedFileError(f"{path} holds no policy for the signals of {task}")
         for name, array in arrays.items():
             if not np.isfinite(array).all():
                 raise DamagedFileError(f"{path}: {name} must be finite")
@@ -91,18 +90,12 @@ def policy_file(task: str) -> Path:
     return path
 
 
-def policy_shapes(signals: int) -> Shapes:
-    """Returns dtype and shape of each array of a policy, named as in `Policy`."""
-    shapes = {}
-    layers = [*itertools.pairwise((signals, *WIDTHS, 2))]
-    for when, (layer, sizes) in itertools.product(("before", "after"), enumerate(layers)):
-        shapes[f"{when}.{layer}.weights"] = "F32", sizes[::-1]
-        shapes[f"{when}.{layer}.biases"] = "F32", sizes[1:]
+def policy_shapes(signals: int) -> dict[str, tuple[int, ...]]:
+    """Returns the shape of each array of a policy, named as in `Policy`."""
+    widths = signals, *WIDTHS, 2
+    shapes: dict[str, tuple[int, ...]] = {}
+    for when in ("before", "after"):
+        for layer in range(len(widths) - 1):
+            shapes[f"{when}.{layer}.weights"] = widths[layer + 1], widths[layer]
+            shapes[f"{when}.{layer}.biases"] = (widths[layer + 1],)
     return shapes
-
-
-def _check_shapes(found: Shapes) -> None:
-    """Raises ValueError unless the arrays are the layers of a policy."""
-    _, shape = found.get("after.0.weights", ("", ()))
-    if len(shape) != 2 or found != policy_shapes(shape[1]):
-        raise ValueError("it holds no policy")

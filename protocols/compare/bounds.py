@@ -83,13 +83,11 @@ def bounds_job(out: Path, experiment: Experiment, name: str) -> ArrayJob:
     """Returns the job that measures the bounds of a life in an experiment's simulator."""
     life = experiment.life_of(name)
     worlds = len(tried_worlds(life))
-    shape = worlds + len(UNTAUGHT), worlds
     robots = worlds * ((worlds + 1) * ROBOTS + UNTRAINED)
     return ArrayJob(
         out / "bounds" / f"{name}.safetensors",
         functools.partial(measure, experiment, name),
         robots * _steps(experiment) * CONTROL_TIMESTEP,
-        {"shares": ("F64", shape)},
         {
             "life": dataclasses.asdict(life),
             "body": experiment.body,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,7 @@ from ..runs.conditions import CohortKey, Condition
 from ..runs.experiment import Experiment
 from ..runs.jobs import Report, Stop, live
 from ..runs.manifest import check_identity
-from ..runs.run import check_same_shapes
-from ..storage import Shapes, load_arrays, remove_files, save_arrays
+from ..storage import load_arrays, remove_files, save_arrays
 
 CHECKPOINT = ".checkpoint"  # ending of the file from which work continues
 SAVE_EVERY = 60.0  # wall-clock seconds between two checkpoints
@@ -59,14 +57,12 @@ class ArrayJob:
       path: File to which the arrays are written.
       work: Function that takes a `Progress` and returns the arrays; must be picklable.
       cost: Amount of work: simulated seconds, added up over the robots.
-      shapes: Dtype, as safetensors names it, and shape of each array, by the array's name.
       identity: Plain data that is stored in the file, and by which the job recognises the file.
     """
 
     path: Path
     work: Callable[[Progress], Arrays]
     cost: float
-    shapes: Shapes
     identity: Mapping[str, Any]
 
     def __str__(self) -> str:
@@ -93,7 +89,7 @@ class ArrayJob:
           FileNotFoundError: the job is not done.
           DamagedFileError: the file is damaged, or another job's.
         """
-        arrays, notes = load_arrays(self.path, functools.partial(check_same_shapes, self.shapes))
+        arrays, notes = load_arrays(self.path)
         check_identity(self.path, notes, self.identity, "a job")
         return arrays
 

@@ -15,8 +15,6 @@ import torch
 from ...fields import whole
 from ...tasks import CONTROL_TIMESTEP
 from ...tasks.suite import TASKS
-from ..agents.policy import policy_shapes
-from ..agents.signals import senses_of
 from ..errors import InputError, check_name
 from .jobs import ArrayJob, Arrays, Progress
 from .study import Page, RunJobs, Study
@@ -65,7 +63,6 @@ class PPOTraining(Study):
             out / POLICY_FILE,
             functools.partial(train, self.task, self.steps, self.seed),
             rounded(self.steps) * CONTROL_TIMESTEP,
-            policy_shapes(len(senses_of(self.task).state)),
             self.identity(),
         )
 

@@ -231,14 +231,12 @@ class Tune(Study):
     def _job(self, out: Path, again: bool, trials: Sequence[Trial]) -> ArrayJob:
         numbers = "-".join(f"{trial.number:04}" for trial in trials)
         experiment = self._experiment(again, trials)
-        robots = experiment.cohort_size
         identity = {word: getattr(self, word) for word in ("signals", "life", "time_scale")}
         identity |= {"agent": self.condition.proposer, "seed": experiment.seed}
         return ArrayJob(
             out / "trials" / f"{numbers}-{int(again)}.safetensors",
             functools.partial(simulate_cohort, experiment, self.condition),
             experiment.robot_seconds(sum(experiment.life_of(self.life).steps())),
-            {"events": ("I32", (robots, len(STAGES))), "valid": ("BOOL", (robots,))},
             identity | {"settings": experiment.settings},
         )
 

@@ -22,7 +22,6 @@ from ..agents.neurocontroller import NeurocontrollerAgent
 from ..agents.settings import checked_settings, settings_from
 from ..agents.signals import RawSignals, raw_senses, senses_of
 from ..errors import InputError
-from ..storage import DTYPES, Shapes
 from .conditions import CohortKey, Condition
 from .device import (
     add_events,
@@ -34,7 +33,7 @@ from .device import (
     zero_counts,
 )
 from .experiment import Experiment
-from .run import Lives, check_same_shapes
+from .run import Lives
 
 _MINUTE = control_steps(1)
 
@@ -256,27 +255,8 @@ class Cohort:
         }
         return arrays, {"step": self.step, "random": self._random.bit_generator.state}
 
-    def check_shapes(self, shapes: Shapes) -> None:
-        """Checks names, dtypes and shapes of a checkpoint's arrays before any is read.
-
-        Arrays of an agent that is no brain are not checked here: its `load_state` does that.
-
-        Raises:
-          ValueError: an array is missing or unexpected, or has a wrong dtype or shape.
-        """
-        wanted: Shapes = {
-            name: (DTYPES.get(array.dtype, array.dtype.str), array.shape)
-            for name, array in self.checkpoint()[0].items()
-        }
-        if not self.key.condition.has_brain:
-            wanted, shapes = (
-                {name: shape for name, shape in group.items() if not name.startswith("brain.")}
-                for group in (wanted, shapes)
-            )
-        check_same_shapes(wanted, shapes)
-
     def restore(self, arrays: Mapping[str, np.ndarray], notes: Mapping[str, Any]) -> None:
-        """Continues from the arrays, checked by `check_shapes`, and the notes of a checkpoint.
+        """Continues from the arrays and the notes of a checkpoint.
 
         Raises:
           ArithmeticError, AttributeError, KeyError, TypeError, ValueError: an array or a note is

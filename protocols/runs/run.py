@@ -13,9 +13,7 @@ import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
 from ...tasks.episode import CONTROL_TIMESTEP
-from ...tasks.lives import STAGES, Life
 from ..agents.signals import senses_of
-from ..storage import Shapes
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
 from .learn_ability import INVALID, Summary, category, classes, learn_ability, summarise
@@ -94,64 +92,6 @@ def network_shapes(
     controller = Neurocontroller(experiment.brain, condition.proposer, 1, senses, 0)
     shapes = {name: tuple(tensor.shape[1:]) for name, tensor in controller.networks().items()}
     return MappingProxyType(shapes)
-
-
-def lives_shapes(
-    experiment: Experiment, condition: Condition, robots: int, found: Shapes, networks: bool = True
-) -> Shapes:
-    """Returns the dtype and shape that each array of `Lives.arrays` must have, by name.
-
-    Args:
-      experiment: Experiment of the robots, which decides durations and networks.
-      condition: Condition of the robots, which decides the life and the kind of agent.
-      robots: Number N of robots, the first dimension of each array.
-      found: Dtypes and shapes of a file's arrays. For an agent that is no brain, those of its
-        weights after training are also required before training.
-      networks: Whether networks are among the arrays; False for a run kept without them.
-    """
-    minutes = len(experiment.life_of(condition.task).steps_of_minutes())
-    wanted: dict[str, tuple[str, tuple[int, ...]]] = {
-        "events": ("I32", (robots, len(STAGES))),
-        "minutes": ("I16", (robots, minutes)),
-        "valid": ("BOOL", (robots,)),
-    }
-    own = network_shapes(experiment, condition)
-    if not networks:
-        weights: Shapes = {}
-    elif own is None:
-        weights = {k.partition("/")[2]: x for k, x in found.items() if k.startswith("after/")}
-        weights = {name: (dtype, (robots, *shape[1:])) for name, (dtype, shape) in weights.items()}
-    else:
-        kinds = {"noise.fixed": "I64"}  # indices of connections
-        weights = {n: (kinds.get(n, "F32"), (robots, *shape)) for n, shape in own.items()}
-    return wanted | {f"{when}/{name}": kind for when in WHEN for name, kind in weights.items()}
-
-
-def check_same_shapes(wanted: Shapes, found: Shapes) -> None:
-    """Raises ValueError if an array is missing or unexpected, or has a wrong dtype or shape."""
-    for name in sorted({*wanted, *found}):
-        if (must := wanted.get(name, "absent")) != (own := found.get(name, "missing")):
-            raise ValueError(f"{name} must be {must}, is {own}")
-
-
-def check_lives(life: Life, lives: Lives) -> None:
-    """Checks the values of lives whose shapes were checked.
-
-    Raises:
-      ValueError: a count is impossible, or a weight of a valid robot is not finite.
-    """
-    stages = [life.steps_of(stage) for stage in STAGES]
-    for name, counts, most in (
-        ("events", lives.events, stages),
-        ("minutes", lives.minutes, life.steps_of_minutes()),
-    ):
-        if ((counts < 0) | (counts > most)).any():
-            raise ValueError(f"{name} must be numbers of control steps, at most {max(most)}")
-    if (lives.events.sum(axis=1) != lives.minutes.sum(axis=1)).any():
-        raise ValueError("its events and its minutes have different sums")
-    for name, array in lives.arrays().items():
-        if not np.isfinite(array[lives.valid]).all():
-            raise ValueError(f"{name} must be finite")
 
 
 # ---- What is derived ----

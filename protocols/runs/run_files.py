@@ -11,15 +11,13 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-import math
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from ..errors import DamagedFileError, InputError
 from ..storage import (
-    Shapes,
     check_folder,
     is_draft,
     load_arrays,
@@ -32,16 +30,7 @@ from .conditions import Condition
 from .experiment import Experiment
 from .manifest import MANIFEST, check_identity, read_manifest, same_physics
 from .plan import Plan
-from .run import (
-    Lives,
-    Measured,
-    Robot,
-    Run,
-    check_lives,
-    check_same_shapes,
-    lives_shapes,
-    results_of,
-)
+from .run import Lives, Measured, Robot, Run, results_of
 
 RESULTS_FILE, ROBOTS_FILE, TABLES_FILE = "results.safetensors", "robots.csv", "tables.md"
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
@@ -102,45 +91,25 @@ def read_measured(directory: Path, experiment: Experiment, networks: bool = True
     Raises:
       DamagedFileError: the file is damaged, or of another experiment.
     """
-    path, size = directory / RESULTS_FILE, experiment.cohort_size
+    path = directory / RESULTS_FILE
     if not os.path.lexists(path):
         return {}
 
-    def check(shapes: Shapes) -> None:
-        for condition, own in _by_condition(shapes).items():
-            robots = math.prod(own["valid"][1])
-            if not robots or robots % size:
-                raise ValueError(f"{condition} must have cohorts of {size}, got {robots} robots")
-            kept = any("/" in name for name in own)
-            check_same_shapes(lives_shapes(experiment, condition, robots, own, kept), own)
-
     try:
-        arrays, notes = load_arrays(path, check)
+        arrays, notes = load_arrays(path)
     except FileNotFoundError as error:  # a link to nothing
         raise DamagedFileError(str(error)) from error
     check_identity(path, notes, dataclasses.asdict(experiment))
     if not networks:
         arrays = {name: array for name, array in arrays.items() if name.count("/") == 2}
-    measured = {c: Lives.of(own) for c, own in sorted(_by_condition(arrays).items())}
+    found: dict[Condition, dict[str, np.ndarray]] = {}
     try:
-        for condition, lives in measured.items():
-            check_lives(experiment.life_of(condition.task), lives)
-    except ValueError as error:
-        raise DamagedFileError(f"{path} is damaged ({error})") from error
-    return measured
-
-
-def _by_condition(items: Mapping[str, Any]) -> dict[Condition, dict[str, Any]]:
-    """Returns arrays, or their shapes, by condition and by their names in `Lives.arrays`."""
-    found: dict[Condition, dict[str, Any]] = {}
-    for name, item in items.items():
-        try:
+        for name, array in arrays.items():
             task, proposer, own = name.split("/", 2)
-            condition = Condition(task, proposer)
-        except (ValueError, InputError) as error:
-            raise ValueError(f"{name} is of no condition") from error
-        found.setdefault(condition, {})[own] = item
-    return found
+            found.setdefault(Condition(task, proposer), {})[own] = array
+        return {condition: Lives.of(own) for condition, own in sorted(found.items())}
+    except (ValueError, KeyError, InputError) as error:  # another file of the run
+        raise DamagedFileError(f"{path} holds no results ({error})") from error
 
 
 def check_kept_networks(directory: Path, measured: Measured) -> None:

@@ -18,7 +18,12 @@ def test_a_file_without_a_policy_for_the_task_is_refused(tmp_path):
     for task, some, notes, words in (
         ("wall_avoidance", arrays, {"task": "flying"}, "holds no policy"),
         ("wall_avoidance", {"a": np.zeros(1)}, {"task": "wall_avoidance"}, "holds no policy"),
-        ("wall_avoidance", arrays, {"task": "wall_avoidance"}, "has 5 signals, its policy 1"),
+        (
+            "wall_avoidance",
+            arrays,
+            {"task": "wall_avoidance"},
+            "for the signals of wall_avoidance",
+        ),
         ("spot_finding", nan, {"task": "spot_finding"}, "before.0.biases must be finite"),
     ):
         save_arrays(path, some, **notes)

@@ -60,10 +60,9 @@ class Squares(Study):
         return {name: Plan.of(*plan, self.robots) for name, plan in plans.items()}
 
     def jobs(self, out):
-        shapes = {"square": ("I64", (1,))}
         return [
             ArrayJob(out / "numbers" / f"{n}.safetensors", functools.partial(square, n), 1.0,
-                     shapes, {"number": n})
+                     {"number": n})
             for n in self.numbers
         ]  # fmt: skip
 
@@ -194,9 +193,8 @@ STEPS = sum(EXPERIMENT.life_of("wall_avoidance").steps())
 
 def cohort_job(path):
     path.mkdir()
-    shapes = {"events": ("I32", (2, 3)), "valid": ("BOOL", (2,))}
     work = functools.partial(simulate_cohort, EXPERIMENT, WALLS[0])
-    return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), shapes, {})
+    return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), {})
 
 
 def test_a_job_that_stops_continues_to_the_same_bytes(tmp_path, monkeypatch):

@@ -4,8 +4,6 @@ import json
 import os
 import pickle
 
-import numpy as np
-
 HUGE = 2**30
 
 
@@ -142,26 +140,3 @@ def json_mutated(draw, data):
 
 
 KEYS = ("", "a", "seed ", "\x00", "__class__", "x" * 5000, "course", "young_epsilon", "🤖")
-
-
-# ---- Arrays ----
-
-NUMBERS = (np.nan, np.inf, -np.inf, -1, 2, 1.0001, 1e30, 30000, 0.5, 1e-40, -0.0)
-DTYPES = (complex, float, np.float16, np.int64, np.uint8, bool, "U8", "S8", ">f4", "M8[s]")
-
-
-def array_mutated(draw, array):
-    """Returns an array of other values, another shape or dtype."""
-    what, array = draw.integers(16), np.array(array)
-    with np.errstate(all="ignore"):
-        if what < 5 and array.size:
-            value = one(draw, NUMBERS)
-            if array.dtype.kind == "f" or np.isfinite(value):
-                at = tuple(draw.integers(n) for n in array.shape)
-                array[at] = np.array(value).astype(array.dtype)
-            return array
-        if what < 10:
-            return np.nan_to_num(array).astype(one(draw, DTYPES))
-    rows = np.atleast_1d(array)
-    shapes = (array.ravel()[:1].sum(), array[None], rows[:-1], np.concatenate([rows, rows]))
-    return np.array(one(draw, (*shapes, array.reshape(-1), rows[..., :-1])))

@@ -33,7 +33,7 @@ def evaluation(folder):
     folder.mkdir(parents=True, exist_ok=True)
     cost = SHORT.robot_seconds(sum(SHORT.life_of(LEARNER.task).steps()))
     work = functools.partial(simulate_cohort, SHORT, LEARNER)
-    return ArrayJob(folder / "one.safetensors", work, cost, {}, {"seed": SHORT.seed})
+    return ArrayJob(folder / "one.safetensors", work, cost, {"seed": SHORT.seed})
 
 
 def of(proposer, task="wall_avoidance", body="kinematic", **changes):

@@ -162,14 +162,11 @@ def test_a_folder_without_results_has_no_robots_yet(folder, tmp_path):
 # Damage; tests/hostile changes every byte, and puts other files in the place
 
 
-def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder):
+def test_a_file_that_is_none_of_results_is_refused(folder):
     arrays, notes = load_arrays(folder / RESULTS_FILE)
     events = arrays[f"{WALLS}/events"]
     for name, array in {
-        f"{WALLS}/events": events + 1,
-        f"{WALLS}/minutes": None,
         f"{WALLS}/valid": None,
-        f"{WALLS}/before/foreign": np.zeros(2),
         "events": events,
         "a/b/events": events,
         "wall_avoidance/divine/events": events,
@@ -177,11 +174,8 @@ def test_impossible_arrays_with_a_digest_of_their_own_are_refused(folder):
         others = {k: x for k, x in arrays.items() if k != name}
         changed = others | ({} if array is None else {name: array})
         save_arrays(folder / RESULTS_FILE, changed, **notes)
-        with pytest.raises(DamagedFileError, match=f"^{folder / RESULTS_FILE}.*"):
+        with pytest.raises(DamagedFileError, match=f"^{folder / RESULTS_FILE} holds no results"):
             read_run(folder)
-    write_results(folder, EXPERIMENT, {WALLS: sample(WALLS, 3)})
-    with pytest.raises(DamagedFileError, match="cohorts of 2, got 3 robots"):
-        read_run(folder)
 
 
 # Folders
