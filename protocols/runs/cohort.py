@@ -108,8 +108,6 @@ class Cohort:
       key: Condition and number of the cohort.
       batch: The B robots in their arenas, on the experiment's device.
       agent: Agent that drives all B robots.
-      decide: Function that takes `learning`, calls `device.decide` for these robots, and returns
-        their motor values, (B, 2). For brains on a GPU, it replays a captured CUDA graph instead.
       step: Number of control steps simulated so far.
       steps: Number of control steps of the whole life.
     """
@@ -130,11 +128,9 @@ class Cohort:
         with device_of(experiment):
             self.agent = make_agent(experiment, key.condition, robots, seed)
         self._counts = zero_counts(self.batch)  # events since the last `store`
-        self.decide: Callable[[bool], Any] = functools.partial(decide, self.agent, self.batch)
-        self._count_events = functools.partial(add_events, self.batch, self._counts)
-        if captured := captured_steps(self.agent, self.batch, self._counts):
-            self.decide, self._count_events = captured.decide, captured.count
+        self._captured = captured_steps(self.agent, self.batch, self._counts)
         self._compiled = compiled_life(self.agent, self.batch)
+        self._recorded: list[np.ndarray] | None = None
         self._before = {k: v.copy() for k, v in self.agent.weights().items()}
         self._legs = experiment.life_of(task).legs()
         self.step, self._entered = 0, -1  # steps so far; step of the last placement
@@ -182,15 +178,26 @@ class Cohort:
         From now on, steps are simulated without the compiled loop. The robots must not be on
         tensors.
         """
-        self._compiled, steps = None, []
+        self._compiled, self._recorded = None, []
+        return self._recorded
 
-        def decide_and_record(learning: bool) -> np.ndarray:
-            motors = decide(self.agent, self.batch, learning)
-            steps.append(motors.copy())
-            return motors
+    def decide(self, learning: bool) -> Any:
+        """Lets the agent decide, and learn if `learning`; returns motor values, shape (B, 2).
 
-        self.decide = decide_and_record
-        return steps
+        For brains on a GPU, the next call overwrites the returned values.
+        """
+        if self._captured is not None:
+            return self._captured.decide(learning)
+        motors = decide(self.agent, self.batch, learning)
+        if self._recorded is not None:
+            self._recorded.append(motors.copy())
+        return motors
+
+    def _count_events(self) -> None:
+        if self._captured is not None:
+            self._captured.count()
+        else:
+            add_events(self.batch, self._counts)
 
     def _simulate(self, steps: int, learning: bool) -> None:
         """Simulates control steps of one leg and one minute, and counts their events.

@@ -217,7 +217,6 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           RuntimeError: There was no reset; the batch is closed; or, with AutoresetMode.DISABLED, a
             robot was not reset after its episode had ended.
         """
-        batch = self._batch
         self._lifecycle.check_running()
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
         motors = self._episode.batch_motors(actions, self.num_envs, starting)
@@ -226,6 +225,25 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 f"reset must be called with a reset_mask of the robots {starting.tolist()}, "
                 "whose episodes have ended"
             )
+        rewards = self._simulate(motors)
+        if len(starting):  # for these robots, the call is no step of an episode
+            self._begin(starting, self._episode.start)
+            rewards[starting] = 0.0
+        elif leg := self._episode.leg_from(int(self._steps[0])):  # all begin a life together
+            self._enter(leg, np.arange(self.num_envs))
+        self._over = self._steps >= self._episode.steps
+        truncations, observations, info = self._over.copy(), self._observations(), {}
+        if self._mode is AutoresetMode.SAME_STEP and self._over.any():
+            info = final_info(observations, self._over.copy(), self._info(self._over))
+            self._begin(np.flatnonzero(self._over), self._episode.start)
+            self._over[:] = False
+            observations = self._observations()
+        info |= self._info()
+        return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
+
+    def _simulate(self, motors: np.ndarray) -> np.ndarray:
+        """Simulates a control step, counts it and its events, and returns rewards, shape (B,)."""
+        batch = self._batch
         for robot in np.flatnonzero(self._episode.jumps(self._steps) & ~self._over).tolist():
             spot = random_spots(self._randoms[robot], batch.dimensions, 1)
             batch.place_spot(np.array([robot]), spot)
@@ -238,22 +256,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self._steps += 1
         self._counts += self._events()
         self._reached = self._reaches()
-        rewards = batch.rules.checked_reward(batch.sensordata).astype(float)
-        # Robots of a life begin together; the call that starts them is no step of an episode.
-        if not len(starting) and (leg := self._episode.leg_from(int(self._steps[0]))):
-            self._enter(leg, np.arange(self.num_envs))
-        if len(starting):
-            self._begin(starting, self._episode.start)
-            rewards[starting] = 0.0
-        self._over = self._steps >= self._episode.steps
-        truncations, observations, info = self._over.copy(), self._observations(), {}
-        if self._mode is AutoresetMode.SAME_STEP and self._over.any():
-            info = final_info(observations, self._over.copy(), self._info(self._over))
-            self._begin(np.flatnonzero(self._over), self._episode.start)
-            self._over[:] = False
-            observations = self._observations()
-        info |= self._info()
-        return observations, rewards, np.zeros(self.num_envs, dtype=bool), truncations, info
+        return batch.rules.checked_reward(batch.sensordata).astype(float)
 
     def _check_sound(self, sound: Any) -> None:
         """Raises PhysicsError unless `sound`, Booleans of shape (B,), is True for all robots."""
