@@ -162,10 +162,17 @@ def test_learners_with_too_few_robots_for_a_test_are_bold_unless_they_have_no_sc
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("folder", "lives"),
-    [("lives", ("tasks", "drift")), ("lives-body", ("body",)), ("lives-senses", ("senses",))],
+    ("folder", "lives", "options"),
+    [
+        ("lives", ("tasks", "drift"), {"backend": "numba"}),
+        ("lives-body", ("body",), {"backend": "numba"}),
+        ("lives-senses", ("senses",), {"backend": "numba"}),
+        ("lives-mujoco", ("body",), {"body": "mujoco", "robots": 30}),
+    ],
 )
-def test_kept_pages_are_made_again_from_runs_that_lack_networks(monkeypatch, folder, lives):
+def test_kept_pages_are_made_again_from_runs_that_lack_networks(
+    monkeypatch, folder, lives, options
+):
     monkeypatch.undo()  # the kept bounds are not cheap
     kept = {
         path.name.partition("-")[2]: read_manifest(path).experiment
@@ -176,7 +183,7 @@ def test_kept_pages_are_made_again_from_runs_that_lack_networks(monkeypatch, fol
         life=lives,
         agent=tuple(kept),
         set=tuple(f"{name}.{word}" for name, own in kept.items() for word in own.settings),
-        backend="numba",
+        **options,
     )
     assert study.page(RESULTS / folder).markdown == (RESULTS / folder / "benchmark.md").read_text()
 
