@@ -42,7 +42,7 @@ SHORTER = {
     "n_steps=256": "n_steps=8",
     "batch_size=2048": "batch_size=512",
     "64, threads=2": "64, max_episode_steps=5",
-    "range(1000):\n    motors = np.conc": "range(20):\n    motors = np.conc",
+    "range(1000):\n    motors = policy": "range(20):\n    motors = policy",
 }
 RUN = """
 import contextlib, io, json, multiprocessing, sys, traceback
