@@ -52,7 +52,7 @@ docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator
 	rm -rf site
 	$(VENV)/bin/zensical build --strict --clean
-	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors' -delete
+	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors*' -delete
 	$(VENV)/bin/python docs/generator/check_site.py site
 
 pictures: $(READY)  ## make the films and pictures of the documents anew

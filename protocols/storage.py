@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import gzip
 import hashlib
 import json
 import os
 import re
 import secrets
 import stat
+import zlib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
 import safetensors
-from safetensors.numpy import save
+from safetensors.numpy import load, save
 
 from ..fields import shown
 from .errors import DamagedFileError, InputError, RunError
@@ -31,6 +33,8 @@ _BITS = {"float": (16, 32, 64), "int": (8, 16, 32, 64), "uint": (8, 16, 32, 64)}
 DTYPES = np.dtype(bool), *(np.dtype(f"{kind}{n}") for kind in _BITS for n in _BITS[kind])
 """Dtypes that a file can hold."""
 
+_NO_ARRAYS = safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError
+_NOT_GZIP = gzip.BadGzipFile, EOFError, zlib.error
 _DIGEST = "digest"  # key of a JSON file's digest, which is in the file
 # Name of a temporary file, which an interrupted write leaves; nothing else has such names.
 _DRAFT = re.compile(r"\.(.*)\.[0-9a-f]{16}\.musebot", re.DOTALL)
@@ -205,7 +209,7 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     """Writes arrays and JSON notes into one safetensors file, atomically, with a digest.
 
     Args:
-      path: File to write; an existing one is replaced.
+      path: File to write; an existing one is replaced. If its name ends in .gz, it is compressed.
       arrays: Arrays by name, of any shape and a dtype of `DTYPES`.
       **notes: Notes by name: values that JSON can represent.
     """
@@ -214,7 +218,10 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray], **notes: Any) -> N
     text = json.dumps(notes, sort_keys=True)
     # One entry: safetensors writes several in no fixed order, but equal runs must give equal bytes.
     metadata = {"musebot": json.dumps({"notes": text, "digest": digest(contiguous, text)})}
-    write_atomically(path, save(contiguous, metadata=metadata))
+    content = save(contiguous, metadata=metadata)
+    if path.suffix == ".gz":
+        content = gzip.compress(content, compresslevel=6, mtime=0)
+    write_atomically(path, content)
 
 
 def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -225,18 +232,21 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
       DamagedFileError: the file is truncated, altered or of another kind.
       OSError: the file cannot be read.
     """
-    _opened(path).close()  # safetensors would call a file invalid that it cannot open
+    with _opened(path) as file:
+        content = file.read()
     try:
-        with safetensors.safe_open(path, framework="numpy") as file:
-            metadata = parsed(path, (file.metadata() or {})["musebot"])
-            arrays = {name: file.get_tensor(name) for name in sorted(file.keys())}
+        if path.suffix == ".gz":
+            content = gzip.decompress(content)
+        arrays = dict(sorted(load(content).items()))
+        header = parsed(path, content[8 : 8 + int.from_bytes(content[:8], "little")])
+        metadata = parsed(path, header["__metadata__"]["musebot"])
         if metadata["digest"] != digest(arrays, metadata["notes"]):
             raise ValueError("its content does not match its digest")
         if not isinstance(notes := parsed(path, metadata["notes"]), dict):
             raise ValueError("its notes are no object of JSON")
     except DamagedFileError:
         raise
-    except (safetensors.SafetensorError, KeyError, ValueError, TypeError, AttributeError) as error:
+    except (*_NO_ARRAYS, *_NOT_GZIP) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return arrays, notes
 

@@ -100,7 +100,7 @@ class Agent(abc.ABC):
         """Returns all arrays that actions in a test depend on, by name, each of shape (B, ...).
 
         Arrays drawn from the seed are included. Names, dtypes and shapes stay the same all its
-        life. A run keeps all in results.safetensors. A robot
+        life. A run keeps all in results.safetensors.gz. A robot
         with a NaN or infinite weight is stopped and counted as invalid.
         """
         return {}

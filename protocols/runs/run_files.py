@@ -1,6 +1,6 @@
 """Reads and writes the results of a run.
 
-`results.safetensors` holds what was measured, see `run.Lives`: for each condition, the arrays
+`results.safetensors.gz` holds what was measured, see `run.Lives`: for each condition, the arrays
 "task/proposer/events", "task/proposer/minutes", "task/proposer/valid" and the networks,
 "task/proposer/before/..." and "task/proposer/after/...". The file is written atomically, with a
 digest of all its arrays and the fields of its experiment. `robots.csv` is an export for people.
@@ -32,7 +32,7 @@ from .manifest import MANIFEST, check_identity, read_manifest, same_physics
 from .plan import Plan
 from .run import Lives, Measured, Robot, Run, results_of
 
-RESULTS_FILE, ROBOTS_FILE, TABLES_FILE = "results.safetensors", "robots.csv", "tables.md"
+RESULTS_FILE, ROBOTS_FILE, TABLES_FILE = "results.safetensors.gz", "robots.csv", "tables.md"
 _COLUMNS = tuple(field.name for field in dataclasses.fields(Robot))
 
 
@@ -57,7 +57,7 @@ def planned(directory: Path) -> Plan | None:
 
 
 def write_results(directory: Path, experiment: Experiment, measured: Measured) -> None:
-    """Writes robots.csv, then results.safetensors, so that robots.csv is never the older file."""
+    """Writes first robots.csv, then results.safetensors.gz: robots.csv is never the older file."""
     export_robots(directory, experiment, measured)
     arrays = {
         f"{condition}/{name}": array

@@ -189,7 +189,7 @@ class UnfinishedRun:
     Attributes:
       directory: Folder of the run, an absolute path.
       plan: Plan with all robots that the run will have.
-      measured: Measurements of the robots in results.safetensors.
+      measured: Measurements of the robots in results.safetensors.gz.
       left: Cohorts of the wanted conditions whose results are still to be read.
       lives: Results of finished cohorts, kept until all cohorts are finished.
     """

@@ -140,7 +140,7 @@ def files(folder):
 def held(out):
     """Returns what a kill left: nothing, checkpoints, finished jobs or results."""
     kept = {str(path.relative_to(out)) for path in out.rglob("[!.]*")}
-    if kept & {"results.safetensors", "tune.md"}:
+    if kept & {"results.safetensors.gz", "tune.md"}:
         return "results"
     if any(name.endswith(".finished.safetensors") or "trials/" in name for name in kept):
         return "finished jobs"

@@ -178,7 +178,7 @@ class Kind:
 KINDS = (
     Kind("experiment.json", "run/experiment.json", run_of,
          (*_ANY, (_in_place(json=change.json_mutated), 6))),
-    Kind("results", "run/results.safetensors", run_of),
+    Kind("results", "run/results.safetensors.gz", run_of),
     Kind("checkpoint", f"checkpoints/{KEY}.safetensors", checkpoint_of),
     Kind("finished cohort", f"checkpoints/{KEY}.finished.safetensors", finished_of),
     Kind("policy", "policy.safetensors", policy_of),

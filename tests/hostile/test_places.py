@@ -157,7 +157,7 @@ def test_a_script_on_a_bare_machine_simulates_once_to_the_same_bytes_and_umask_i
     )  # fmt: skip
     assert done.stdout.split() == ["read", "1"], done.stderr
     assert "100.0 %, 1 of 1 robots done" in done.stderr
-    for name in ("robots.csv", "results.safetensors"):
+    for name in ("robots.csv", "results.safetensors.gz"):
         assert (bare / name).read_bytes() == (run / name).read_bytes()
         assert (bare / name).stat().st_mode & 0o077 == 0
     assert bare.stat().st_mode & 0o077 == 0
