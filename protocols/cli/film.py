@@ -87,7 +87,7 @@ class Film:
             return
         for name in ("proposer", "agent", "robot", "minute"):
             if getattr(self, name) is not None:
-                raise InputError(f"{source} holds a policy: --{name} chooses among a run's robots")
+                raise InputError(f"{source} holds a policy: --{name} needs a run")
         policy = Policy.load(source, self.task)
         for phase in phases:
             yield Episode.of_policy(policy, phase, seed)

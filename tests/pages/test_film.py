@@ -231,8 +231,8 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
     walls, spot = "--task spot_finding_walls", "--task spot_finding"
     for source, words, sentence in (
         ("p.safetensors", "--task dancing", "a policy for spot_finding_walls, not for dancing"),
-        ("p.safetensors", f"{walls} --proposer creative", "holds a policy: --proposer chooses"),
-        ("p.safetensors", f"{walls} --robot 0", "holds a policy: --robot chooses"),
+        ("p.safetensors", f"{walls} --proposer creative", "holds a policy: --proposer needs a run"),
+        ("p.safetensors", f"{walls} --robot 0", "holds a policy: --robot needs a run"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
         ("q.safetensors", spot, "there is no file"),
         (directory / "results.safetensors.gz", spot, "holds no policy"),
