@@ -235,7 +235,7 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         ("p.safetensors", f"{walls} --robot 0", "holds a policy: --robot needs a run"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
         ("q.safetensors", spot, "there is no file"),
-        (directory / "results.safetensors.gz", spot, "holds no policy"),
+        (directory / "results.safetensors.gz", spot, "is neither a run's folder nor"),
         ("text.csv", spot, "is neither a run's folder nor a .safetensors file"),
     ):
         assert cli.main(["film", str(tmp_path / source), *words.split(), *output]) == 2
