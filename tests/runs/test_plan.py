@@ -1,6 +1,7 @@
 """Plans: which robots are wanted, into which cohorts they split, and what memory they need."""
 
 import dataclasses
+import gzip
 
 import pytest
 from hypothesis import given
