@@ -226,6 +226,7 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
 ):
     walkers = random_policy("spot_finding_walls").arrays
     save_arrays(tmp_path / "p.safetensors", walkers, task="spot_finding_walls")
+    save_arrays(tmp_path / "other.safetensors", {"age": np.zeros(1)})
     (tmp_path / "text.csv").write_text("text")
     output = ["--output", str(tmp_path / "film.mp4")]
     walls, spot = "--task spot_finding_walls", "--task spot_finding"
@@ -235,13 +236,14 @@ def test_a_source_that_cannot_be_filmed_is_one_sentence_and_leaves_nothing(
         ("p.safetensors", f"{walls} --robot 0", "holds a policy: --robot needs a run"),
         ("p.safetensors", f"{walls} --seed -1", "the seed must lie in"),
         ("q.safetensors", spot, "there is no file"),
+        ("other.safetensors", spot, "holds no policy"),
         (directory / "results.safetensors.gz", spot, "is neither a run's folder nor"),
         ("text.csv", spot, "is neither a run's folder nor a .safetensors file"),
     ):
         assert cli.main(["film", str(tmp_path / source), *words.split(), *output]) == 2
         said = capsys.readouterr().err
         assert sentence in said and said.count("\n") == 1
-        assert {*os.listdir(tmp_path)} == {"p.safetensors", "text.csv"}
+        assert {*os.listdir(tmp_path)} == {"p.safetensors", "other.safetensors", "text.csv"}
 
 
 def commanded(folder, words, output):
