@@ -57,7 +57,7 @@ def load(
     Args:
       domain_name: "arena" for the tasks in `ALL_TASKS`; "life" for lives, each one episode.
       task_name: Name of a task in `ALL_TASKS`; in the domain "life", name of a life, such as
-        "drift".
+        "drift", or a TOML file (docs/lives.md).
       task_kwargs: Keyword arguments of the task, such as {"random": 1}; see docs/tasks.md.
       environment_kwargs: Dictionary with two optional keys: `flat_observation` (whether all signals
         are joined in one array) and `time_limit` (length of an episode in [s]).

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import tomllib
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Unpack
 
 import mujoco
@@ -13,7 +15,7 @@ from dm_control import suite as dm_suite
 from . import spot_finding, wall_avoidance
 from .arena import SHELL, SUITE, Edit, Environment, Settings, TaskDefinition
 from .batch import Batch
-from .lives import LIVES, Life, life_named
+from .lives import LIVES, Life, life_from, life_named
 from .sensors import NoseForm
 
 DOMAIN = "arena"
@@ -68,16 +70,21 @@ def task_definition(task_name: str) -> TaskDefinition:
 
 
 def life_definition(life: Any) -> TaskDefinition:
-    """Returns the task whose episodes are one life; `life` is a name or a `Life`.
+    """Returns the task whose episodes are one life: a name, the path of a TOML file, or a `Life`.
 
-    Raises ValueError where there is none.
+    Raises ValueError where there is none, OSError where a file cannot be read.
     """
     found = life
-    if isinstance(life, str):
+    if isinstance(life, str) and life.endswith(".toml"):
+        found = life_from(tomllib.loads(Path(life).read_text(encoding="utf-8-sig")))
+    elif isinstance(life, str):
         with contextlib.suppress(KeyError):
             found = life_named(life)
     if not isinstance(found, Life):
-        raise ValueError(f"life must be one of {sorted(LIVES)} or a Life, got {life!r:.60}")
+        raise ValueError(
+            f"life must be one of {sorted(LIVES)}, a file ending in .toml, or a Life, "
+            f"got {life!r:.60}"
+        )
     return task_definition(found.task).of_life(found)
 
 

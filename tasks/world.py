@@ -111,13 +111,12 @@ class WorldRules(Rules):
         sensed = {name for kind in self.shapes for name in sensor_names(kind, 1)}
         for name, *_ in self.world.sensors:
             if name not in sensed:
-                raise ValueError(f"the robot of {type(self.task).__name__} has no sensor {name!r}")
+                names = ", ".join(sorted(sensed))
+                raise ValueError(f"the sensors of this task are {names}, got {name!r}")
         if self.world.nose and "nose" not in self.shapes:
-            raise ValueError(f"the robot of {type(self.task).__name__} has no single nose")
+            raise ValueError("the robot of this task has no single nose, which a world could turn")
         if self.world.rewarded == "driving" and not hasattr(self.task, "driving"):
-            raise ValueError(
-                f"{type(self.task).__name__} cannot reward driving; the task spot_or_driving can"
-            )
+            raise ValueError("only the task spot_or_driving can reward driving")
 
     def observations(self, sensordata: np.ndarray) -> dict[str, np.ndarray]:
         """Returns the task's observations, as the world's sensors read them."""

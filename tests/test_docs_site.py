@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+import musebot
 from musebot.controller import Parameters
 from musebot.models import Kinematics
 from musebot.protocols.cli.parser import parsed
@@ -185,10 +186,16 @@ def test_the_life_of_the_guide_is_read_and_changes(tmp_path):
     assert [leg.changes_world for leg in read_life(file).legs()] == [False, True] + [False] * 11
     rows = re.findall(r"^\| `(\w+)` \| [^|]+ \| [^|]+ \|$", text, re.MULTILINE)
     assert rows == [life.name for life in CHANGING]
-    pytest.importorskip("gymnasium")
+    gymnasium = pytest.importorskip("gymnasium")
     from musebot.tasks.gymnasium_env.common import LIFE_INFO
 
     assert re.findall(r"^\| `(\w+)` \| [^|]+ \|$", text, re.MULTILINE) == [*LIFE_INFO]
+    environment = gymnasium.make("musebot/Life-v0", life=str(file))
+    assert environment.reset()[1]["learning"] is False  # the first phase is a test
+    environment.close()
+    file.write_text("name = 'none'")
+    with pytest.raises(ValueError, match="a life must have a list of phases"):
+        musebot.load("life", str(file))
 
 
 def test_the_notebook_is_the_tutorial():

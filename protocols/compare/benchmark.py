@@ -65,7 +65,7 @@ class Benchmark(Study):
             if name not in LIVES or LIVES[name].tested:
                 changing = [name for name, life in LIVES.items() if not life.tested]
                 raise InputError(
-                    f"there is no changing life {shown(name)}; {nearest(name, changing)}"
+                    f"there is no built-in changing life {shown(name)}; {nearest(name, changing)}"
                 )
         _ = self._chosen  # refuses unknown learners and settings
         shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}

@@ -99,7 +99,7 @@ def network_shapes(
 
 @dataclasses.dataclass(frozen=True)
 class Robot:
-    """Results of a robot: a row of robots.csv. Cells about tests are empty in a life without tests.
+    """Results of a robot: a row of robots.csv. Cells about tests that a life lacks are empty.
 
     Attributes:
       task: Name of the robot's life, such as "spot_finding".
@@ -149,8 +149,10 @@ class ConditionResults:
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
         """Derives the results of a condition from the measurements of all its robots."""
         task, life = condition.task, experiment.life_of(condition.task)
-        seconds = CONTROL_TIMESTEP if life.tested else math.nan  # of a control step of a test
-        pre, post = (lives.events[:, part] * seconds for part in (0, 2))
+        pre, post = (
+            lives.events[:, part] * (CONTROL_TIMESTEP if life.steps_of(stage) else math.nan)
+            for part, stage in ((0, "pre"), (2, "post"))
+        )
         found = np.where(lives.valid, learn_ability(pre, post, life.wanted), np.nan)
         names = {"unmeasured": life.unmeasured if life.tested else ""}
         kinds = [names.get(kind, kind) for kind in map(category, found)]

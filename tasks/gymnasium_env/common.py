@@ -75,7 +75,7 @@ def checked_task(task: Any, kwargs: dict[str, Any]) -> TaskDefinition:
     """
     is_life = task == LIFE_DOMAIN
     if is_life and "life" not in kwargs:
-        raise TypeError(f"life must be given: one of {sorted(LIVES)}, or a Life")
+        raise TypeError(f"life must be given: one of {sorted(LIVES)}, FILE.toml, or a Life")
     definition = (
         life_definition(kwargs.pop("life")) if is_life else task_definition(task_name(task))
     )

@@ -214,7 +214,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
     file.write_text(OWN.replace("nose = 90", "nose = 91"))
     capsys.readouterr()
     assert cli.main(["run", str(out), "--life", str(file)]) == 2
-    assert "holds an experiment with life.phases" in capsys.readouterr().err
+    assert "with life.phases.2.world.nose 90, not 91" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
         ('"swap"', '"body"', "there is a life or task body already"),
         ('"swap"', '"swap@2"', "a name with @ is that of a newborn's life, got 'swap@2'"),
         ('"spot_finding"', '"spot_findin"', "task must be one of ['spot_finding', "),
-        ('"spot_finding"', '"wall_avoidance"', "the robot of WallAvoidanceRules has no "),
+        ('"spot_finding"', '"wall_avoidance"', "the sensors of this task are "),
         ("nose = 90", "nose = 361", "phase 2: nose must be a number in [-360, 360] degrees"),
         ("minutes = 300", "minute = 300", "a phase has the fields stage, minutes, "),
         ('spot = "random"', "robot = [5, 5, 0]", "robot must be inside the arena"),

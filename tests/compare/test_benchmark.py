@@ -16,7 +16,6 @@ from musebot.protocols.compare.benchmark import HEADLINE, LEARNERS, Benchmark, n
 from musebot.protocols.compare.study import conduct
 from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
-from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.manifest import read_manifest
 from musebot.tasks.lives import BODY, CHANGING, DRIFT
 
@@ -76,8 +75,8 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
         ({"set": ("dqn.rate=0.1", "dqn.rate=0.2"), "agent": ("dqn",)}, "rate is given twice"),
         ({"set": ("dqn.rat=0.1",), "agent": ("dqn",)}, "dqn has no setting rat"),
         ({"agent": ("newborn",)}, "newborn is no learner of the benchmark"),
-        ({"life": ("boddy",)}, "there is no changing life 'boddy'; did you mean body"),
-        ({"life": ("spot_finding",)}, "there is no changing life 'spot_finding'"),
+        ({"life": ("boddy",)}, "no built-in changing life 'boddy'; did you mean body"),
+        ({"life": ("spot_finding",)}, "no built-in changing life 'spot_finding'"),
         ({"tuned": (Path("nowhere"),), "agent": ("dqn",)}, "is no study `tune` of musebot's"),
     ],
 )
@@ -192,7 +191,7 @@ def test_informed_policies_are_good_in_their_own_world_only(monkeypatch):
     monkeypatch.setattr(bounds, "ROBOTS", 20)
     monkeypatch.setattr(bounds, "UNTRAINED", 20)
     monkeypatch.setattr(bounds, "MINUTES", 1)
-    experiment = Experiment(body="kinematic")
+    experiment = Benchmark().experiment()
     for life in CHANGING:
         monkeypatch.setattr(bounds, "MOST", 2)  # of the drift the first and the opposite one
         shares = bounds.measure(experiment, life.name, lambda done: None)["shares"]

@@ -1,5 +1,6 @@
 """A run as a value: what is derived from the counts, and what it gives to whoever reads results."""
 
+import dataclasses
 from fractions import Fraction
 
 import numpy as np
@@ -19,6 +20,7 @@ from musebot.protocols.runs.run import (
     results_of,
 )
 from musebot.protocols.runs.run_files import export_robots
+from musebot.tasks.lives import LIVES
 
 quick = settings(deadline=None, max_examples=50)
 NAN = float("nan")
@@ -90,6 +92,19 @@ def test_a_life_without_tests_has_a_score_and_no_class(tmp_path):
     assert (
         "ignorant" not in text and "classed" not in text and "| share of time in the spot |" in text
     )
+
+
+def test_a_test_after_training_alone_has_times_and_no_class():
+    phases = LIVES["spot_finding"].phases[1:]
+    life = dataclasses.replace(LIVES["spot_finding"], name="late", phases=phases)
+    experiment, late = dataclasses.replace(SHORT, life=life), Condition("late", "fixed")
+    steps = experiment.life_of("late").steps_of_minutes()
+    found = Lives(np.array([[0, 9, 6]]), steps[None] * 0, np.array([True]), {}, {})
+    run = Run("x", experiment, results_of(experiment, {late: found}))
+    seconds = run.test_seconds("late")
+    assert run.shares(late, "post").tolist() == [pytest.approx(0.6 / seconds)]
+    assert np.isnan([*run.shares(late, "pre"), *run.abilities(late)]).all()
+    assert run.robots(late)[0].category == ""
 
 
 # A run

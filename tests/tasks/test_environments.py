@@ -428,7 +428,7 @@ def test_a_life_takes_no_places_and_its_robots_begin_together():
     said = refusal(begun(Vector, TWO_WORLDS).env.reset, options={"reset_mask": mask})
     assert said[0] is ValueError and said[1].startswith("robots of a life begin together: all must")
     for life in ("nobody", None, 3):
-        words = "life must be one of .* or a Life, got"
+        words = "life must be one of .*, or a Life, got"
         with pytest.raises(ValueError, match=words):
             musebot.load("life", life)
         with pytest.raises(ValueError, match=words):
