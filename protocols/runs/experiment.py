@@ -226,10 +226,13 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Returns nested values by dotted name, such as "brain.noise" or "life.phases.1.minutes"."""
     found: dict[str, Any] = {}
     for name, value in values.items():
-        if isinstance(value, list) and all(isinstance(one, dict) for one in value):
-            value = {str(number): one for number, one in enumerate(value, 1)}
-        inner = isinstance(value, dict)
-        found |= flat(value, f"{prefix}{name}.") if inner else {f"{prefix}{name}": value}
+        inner = value
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            inner = {str(number): one for number, one in enumerate(value, 1)}
+        if isinstance(inner, dict):
+            found |= flat(inner, f"{prefix}{name}.")
+        else:
+            found[f"{prefix}{name}"] = value
     return found
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...controller.neurocontroller import Neurocontroller
 from ...tasks.episode import CONTROL_TIMESTEP
+from ...tasks.lives import STAGES
 from ..agents.signals import senses_of
 from .conditions import CohortKey, Condition
 from .experiment import Experiment
@@ -149,10 +150,10 @@ class ConditionResults:
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
         """Derives the results of a condition from the measurements of all its robots."""
         task, life = condition.task, experiment.life_of(condition.task)
-        pre, post = (
-            lives.events[:, part] * (CONTROL_TIMESTEP if life.steps_of(stage) else math.nan)
-            for part, stage in ((0, "pre"), (2, "post"))
+        before, _, after = (
+            CONTROL_TIMESTEP if life.steps_of(stage) else math.nan for stage in STAGES
         )
+        pre, post = lives.events[:, 0] * before, lives.events[:, 2] * after
         found = np.where(lives.valid, learn_ability(pre, post, life.wanted), np.nan)
         names = {"unmeasured": life.unmeasured if life.tested else ""}
         kinds = [names.get(kind, kind) for kind in map(category, found)]
