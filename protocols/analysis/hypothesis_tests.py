@@ -197,7 +197,11 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
         return float("nan")
     random = np.random.default_rng(_SEED)
     permuted = _swapped if paired else _dealt
-    observed = abs((first - second).mean()) if paired else _welch(first, second)
+    if paired:
+        observed = abs((first - second).mean())
+    else:
+        marks = np.repeat([True, False], [len(first), len(second)])
+        observed = _welch(np.concatenate([first, second]), marks[None])[0]
     least = observed * (1 - 1e-9)  # equal but for rounding errors counts as equal
     drawn = extreme = 0
     while drawn < _DRAWS and extreme < _ENOUGH_EXTREME:
@@ -225,17 +229,29 @@ def _swapped(first: np.ndarray, second: np.ndarray, random: np.random.Generator)
 
 def _dealt(first: np.ndarray, second: np.ndarray, random: np.random.Generator) -> np.ndarray:
     """Returns Welch's statistic for a block of random partitions of all values, shape (_BLOCK,)."""
-    values = np.tile(np.concatenate([first, second]), (_BLOCK, 1))
-    in_first = np.tile(np.arange(values.shape[1]) < len(first), (_BLOCK, 1))
+    values = np.concatenate([first, second])
+    in_first = np.tile(np.arange(len(values)) < len(first), (_BLOCK, 1))
     random.permuted(in_first, axis=1, out=in_first)
-    return _welch(values[in_first].reshape(_BLOCK, -1), values[~in_first].reshape(_BLOCK, -1))
+    return _welch(values, in_first)
 
 
-def _welch(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Returns the absolute difference of the means in standard errors, along the last axis."""
-    error = np.sqrt(sum(x.var(axis=-1, ddof=1) / x.shape[-1] for x in (first, second)))
-    distance = np.abs(first.mean(axis=-1) - second.mean(axis=-1))
-    return np.where(distance < _NO_SCATTER, 0.0, distance / np.maximum(error, _NO_SCATTER))
+def _welch(values: np.ndarray, in_first: np.ndarray) -> np.ndarray:
+    """Returns the absolute difference of two groups' means in standard errors, shape (k,).
+
+    Of the `values`, shape (n,), the first group has those marked in a row of `in_first`, shape
+    (k, n), and the second one the others. All rows have equally many marks.
+    """
+    values = values - values.mean()  # so that sums of squares lose no digits
+    sums, squares = in_first.astype(float) @ np.stack([values, values**2]).T, values @ values
+    n = int(in_first[0].sum())
+    m = len(values) - n
+    first, second = sums[:, 0] / n, (values.sum() - sums[:, 0]) / m  # the means
+    least = _NO_SCATTER * squares
+    within_first = np.maximum(sums[:, 1] - n * first**2, least)
+    within_second = np.maximum(squares - sums[:, 1] - m * second**2, least)
+    error = np.sqrt(within_first / (n * (n - 1)) + within_second / (m * (m - 1)))
+    distance = np.abs(first - second)
+    return np.divide(distance, error, out=np.zeros(len(sums)), where=distance > _NO_SCATTER)
 
 
 def holm(p_values: np.ndarray) -> np.ndarray:
