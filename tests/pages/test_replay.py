@@ -116,13 +116,13 @@ def test_a_relived_robot_does_what_it_did_in_its_life(run, start):
 
 
 def test_a_life_that_differs_from_its_run_is_reported(capsys):
-    experiment = Experiment(cohort_size=3, body="kinematic", time_scale=0.015)
+    experiment = Experiment(cohort_size=3, body="kinematic", time_scale=0.0075)
     run, _ = lived(experiment, condition := Condition("wall_avoidance", "fixed"))
-    for minute, differs in ((0, False), (2, False), (0.9, False), (1, True)):
-        run.results[condition].curves[1, 0] += differs
-        Relived.at(run, condition, 0, minute)
-        assert not capsys.readouterr().err
-        Relived.at(run, condition, 1, minute)
+    Relived.at(run, condition, 1, 1.1)
+    assert not capsys.readouterr().err
+    run.results[condition].curves[1, 0] += 1
+    for robot, minute, differs in ((0, 1, False), (1, 0.9, False), (1, 1, True)):
+        Relived.at(run, condition, robot, minute)
         assert ("robot 1 lives otherwise than in the run" in capsys.readouterr().err) == differs
 
 

@@ -276,7 +276,7 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
 @pytest.mark.parametrize("body", BODIES)
 @pytest.mark.parametrize("life", [life.name for life in CHANGING])
 def test_robots_of_a_changing_life_that_are_stopped_anywhere_continue_bit_exactly(life, body):
-    experiment = Experiment(cohort_size=2, body=body, brain=BRAINS["steady"], time_scale=0.0006)
+    experiment = Experiment(cohort_size=2, body=body, brain=BRAINS["steady"], time_scale=0.0003)
     legs = experiment.life_of(life).legs()
     change = next(leg.start for leg in legs if leg.changes_world)
 
