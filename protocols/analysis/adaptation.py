@@ -172,18 +172,13 @@ class Adaptation:
 
 
 def minutes_of_phases(life: Life) -> list[np.ndarray]:
-    """Returns the indices of each phase's minutes: those whose middle is in the phase.
+    """Returns the indices of the minutes of which a part is in each phase.
 
-    A phase that is too short for one, in a shortened life, has the minute with the phase's middle.
+    In a short life, two phases may share a minute, as stages do in `Life.minutes_of`.
     """
-    minute, ends = control_steps(1), np.cumsum(life.steps())
-    middles = np.cumsum(life.steps_of_minutes()) - life.steps_of_minutes() / 2
-    phases = np.searchsorted(ends, middles, side="right")
-    found = []
-    for number, (end, steps) in enumerate(zip(ends, life.steps(), strict=True)):
-        own = np.flatnonzero(phases == number)
-        found.append(own if own.size else np.array([(end - steps // 2 - 1) // minute]))
-    return found
+    ends, minute = np.cumsum(life.steps()), control_steps(1)
+    starts = ends - life.steps()
+    return [np.arange(a // minute, -(-b // minute)) for a, b in zip(starts, ends, strict=True)]
 
 
 def _recovery(scores: np.ndarray) -> np.ndarray:

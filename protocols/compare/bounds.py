@@ -65,7 +65,7 @@ class Matrix:
 
     @property
     def best_fixed(self) -> float:
-        """Share of time of the best single policy, as a mean over all tried worlds."""
+        """Share of time of the best policy made for a tried world, as a mean over all of them."""
         return float(self.shares[: len(self.worlds)].mean(axis=1).max())
 
     def bounds(self, life: Life) -> Bounds:

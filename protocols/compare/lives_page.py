@@ -33,22 +33,19 @@ _ABOUT = (
 )
 _MEASURES = (
     f"Failed: lives with a score below {FAILED}. Worst tenth: mean score of the tenth of the "
-    f"robots with the lowest. Recovery: minutes until the mean of {WINDOW} minutes is at least "
-    f"{RECOVERED:g} of the way to the upper bound, at the last visit of each world, over those of "
-    "newborns in the same world; below 1 the old robot is faster. Last: the same after the last "
-    "change only. Slope: change of the logarithm (to base 2) of recovery from one phase to the "
-    "next, in worlds that return; positive: recovery becomes slower with age. Savings: by which "
-    "share recovery is faster at the last return of a world, other than that of birth, than at the "
-    "first visit. "
-    f"Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the first "
-    f"{WINDOW} of the next one."
+    "robots with the lowest. Recovery: the first minute of a phase (counted from 1) that begins "
+    f"{WINDOW} minutes with a mean score of at least {RECOVERED:g}, at the last visit of each "
+    "world, over that of newborns in the same world; below 1 the old robot is faster. Last: the "
+    "same after the last change only. Slope: change of the logarithm (to base 2) of recovery from "
+    "one phase to the next, in worlds that return; positive: recovery becomes slower with age. "
+    "Savings: by which share recovery is faster at the last return of a world, other than that of "
+    f"birth, than at the first visit. Forgotten: mean score of the last {WINDOW} minutes of a "
+    f"visit less that of the first {WINDOW} of the next one."
 )
-
-
 _MINUTES = (
-    "Minutes until old robots recover at the last visit of each world, and minutes of newborns. "
-    "Brackets: the shares of both that never recover; they count with the whole phase, which draws "
-    "the ratio of both numbers towards 1."
+    "Minutes of recovery of old robots at the first and at the last visit of each world, and of "
+    "newborns. The world of birth is first visited by newborns. Brackets: the shares that never "
+    "recover; they count with the whole phase, which draws ratios towards 1."
 )
 
 
@@ -108,8 +105,8 @@ def page(columns: Sequence[Column], time_scale: float = 1.0) -> Page:
             if len(column.rows[0].newborns) > 1:
                 lines += [*table(_recovery(column)), "", _MINUTES, ""]
             lines += [*table(_bounds(column.matrix)), ""]
-            lines += [f"The best fixed policy reaches {column.matrix.best_fixed:.3f} of the time."]
-            lines += [""]
+            best = f"{column.matrix.best_fixed:.3f} of the time in all worlds"
+            lines += [f"The best of these policies reaches {best}.", ""]
             figures[column.life.name] = draw(column)
     return Page("\n".join(lines), figures)
 
@@ -162,7 +159,7 @@ def _recovery(column: Column) -> list[list[str]]:
     for row in column.ranked():
         cells = [row.name]
         for visits, newborns in zip(row.old.visits(), row.newborns, strict=True):
-            groups = row.old.recovery[:, visits[-1]], newborns
+            groups = *row.old.recovery[:, visits[[0, -1]]].T, newborns
             minutes = ", ".join(f"{one.mean():.1f}" for one in groups)
             whole = phases[visits[-1]].minutes
             never = ", ".join(f"{100 * (one >= whole).mean():.0f} %" for one in groups)

@@ -34,14 +34,22 @@ def test_recovery_is_the_minutes_until_the_goal_is_reached_half_of_the_time(minu
     assert found.online == pytest.approx([1 - one / MINUTES for one in minutes])
 
 
-@given(st.floats(0, 0.4), st.floats(0.5, 1))
-def test_scores_are_0_at_the_lower_bound_and_1_at_the_upper(low, high):
-    bounds = Bounds(np.full(3, low), np.full(3, high))
-    for share, score in ((low, 0), (high, 1), ((low + high) / 2, 0.5)):
-        found = Adaptation.of(np.full((2, 720), share), BODY, bounds)
+@given(st.tuples(*[st.floats(0, 0.4)] * 3), st.tuples(*[st.floats(0.5, 1)] * 3))
+def test_scores_are_0_at_the_lower_bound_of_a_world_and_1_at_its_upper(low, high):
+    low, high = np.array(low), np.array(high)
+    for score in (0, 0.5, 1):
+        shares = np.tile((low + score * (high - low)).repeat(MINUTES), (2, 4))
+        found = Adaptation.of(shares, BODY, Bounds(low, high))
         assert found.online == pytest.approx([score] * 2)
         assert found.scores == pytest.approx(np.full((2, 12), score))
         assert (found.failed == (score < 0.1)).all()
+
+
+def test_a_long_phase_counts_more_in_the_score_of_a_life():
+    phases = [dataclasses.replace(BODY.phases[k], minutes=10.0 * (k + 1)) for k in range(3)]
+    life = dataclasses.replace(BODY, phases=tuple(phases))
+    shares = np.array([0.2, 0.4, 1.0]).repeat([10, 20, 30])[None]
+    assert Adaptation.of(shares, life, UNIT).online == pytest.approx([(0.2 + 0.8 + 3) / 6])
 
 
 def test_a_robot_that_never_recovers_takes_the_whole_phase():
@@ -67,14 +75,17 @@ def test_an_old_robot_is_compared_with_newborns_of_the_same_world():
 
 def test_the_interval_of_the_last_recovery_covers_both_groups_of_robots():
     random = np.random.default_rng(3)
-    covered = []
+    covered, means, widths = [], [], []
     for _ in range(40):
         old = Adaptation.of(curves(*random.integers(10, 30, 30)), BODY, UNIT)
         newborns = [old.recovery[:, 0], *random.integers(20, 60, (2, 30)).astype(float)]
         mean, (low, high) = old.last_recovery(newborns, 3)
         assert mean == pytest.approx(old.relative_recovery(newborns)[-3:].mean())
         covered.append(low < (1 + 2 * 18.5 / 39.5) / 3 < high)
+        means.append(mean)
+        widths.append(high - low)
     assert 34 <= sum(covered)
+    assert 0.7 < np.mean(widths) / (2 * 1.96 * np.std(means)) < 1.4
     # In the first world old robots are compared with themselves, of whom all are alike in time.
     same = old.last_recovery([old.recovery[:, 0]] * 3, 3)[1]
     alone = dataclasses.replace(old, worlds=np.zeros(12, dtype=int))
@@ -93,13 +104,17 @@ def test_savings_compare_the_last_visits_of_worlds_with_the_first():
 
 
 def test_forgetting_is_what_is_lost_between_two_visits():
-    assert Adaptation.of(curves(10), BODY, UNIT).forgetting() == pytest.approx(1)
-    assert Adaptation.of(curves(0), BODY, UNIT).forgetting() == pytest.approx(0)
+    start, end = np.random.default_rng(4).random((2, 12))
+    phases = [np.repeat([one, other], [30, 30]) for one, other in zip(start, end, strict=True)]
+    found = Adaptation.of(np.concatenate(phases)[None], BODY, UNIT)
+    assert found.forgetting() == pytest.approx((end[:9] - start[3:]).mean())  # three worlds
 
 
-def test_the_worst_tenth_is_at_least_one_robot():
-    found = Adaptation.of(curves(*range(0, 60, 6)), BODY, UNIT)
-    assert found.worst_tenth() == pytest.approx(found.online.min())
+def test_the_worst_tenth_is_rounded_up():
+    found = Adaptation.of(curves(0), BODY, UNIT)
+    for robots, mean in ((5, 0), (10, 0), (11, 0.5), (25, 1)):
+        online = np.random.default_rng(robots).permutation(robots)
+        assert dataclasses.replace(found, online=online).worst_tenth() == mean
 
 
 @pytest.mark.parametrize("name", LIVES)

@@ -139,7 +139,7 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 5, learner
     assert page.count("| minutes |") == 2  # newborns lived in all worlds
     assert "nan" not in page  # lives so short have no scores
-    assert len(re.findall(r"The best fixed policy reaches 0\.\d{3} of the time", page)) == 2
+    assert len(re.findall(r"The best of these policies reaches 0\.\d{3} of the time", page)) == 2
     for figure in done.figures.values():
         assert sorted(axis.get_title("left") for axis in figure.axes) == sorted(learners)
         for axis in figure.axes:
