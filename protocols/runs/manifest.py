@@ -112,6 +112,9 @@ def check_identity(
     given = [held, wanted, Experiment()]
     held, wanted, defaults = json.loads(json.dumps(given, default=dataclasses.asdict))
     held = _completed(held, {name: defaults[name] for name in defaults if name in wanted})
+    for values in (held, wanted):
+        if isinstance(values.get("settings"), list):
+            values["settings"].sort(key=str)  # their order changes nothing
     if all(name in held and held[name] == value for name, value in wanted.items()):
         return
     own, other = flat({name: held.get(name) for name in wanted}), flat(wanted)

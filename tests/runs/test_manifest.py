@@ -113,6 +113,10 @@ def test_every_parameter_that_differs_or_is_missing_is_named():
         with pytest.raises(DamagedFileError, match=f"a study with brain.{field.name} other, not "):
             check_identity(Path("x"), held, {"brain": Experiment().brain}, "a study")
         check_identity(Path("x"), held, {"seed": 1, "kinematics": Kinematics()})
+    two = sound | {"settings": ["rate=0.1", "decay=0.5"]}
+    check_identity(Path("x"), two, {"settings": ("decay=0.5", "rate=0.1")})  # in any order
+    with pytest.raises(DamagedFileError, match="with settings .*, not "):
+        check_identity(Path("x"), two, {"settings": ("decay=0.5", "rate=0.2")})
     with pytest.raises(DamagedFileError, match="^x holds an experiment with mood .*, not good"):
         check_identity(Path("x"), sound, {"mood": "good"})
 
