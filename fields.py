@@ -185,19 +185,24 @@ def check(instance: Any) -> None:
 
 
 def checked(one: dataclasses.Field[Any], value: Any) -> Any:
-    """Returns a declared field's value if it is allowed; a NumPy scalar becomes a Python number.
+    """Returns a declared field's value if it is allowed; NumPy scalars become Python numbers.
 
     Raises:
       ValueError: The value is not allowed.
     """
-    numpy = sys.modules.get("numpy")  # a NumPy scalar exists only if NumPy is loaded
-    if numpy is not None and isinstance(value, numpy.generic):
-        value = value.item()
+    value = _plain(value)
     if value is None and one.metadata["optional"]:
         return None
     if value not in one.metadata["allowed"]:
         raise ValueError(f"{one.name} must be {described(one)}, got {shown(value)}")
     return value
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return tuple(map(_plain, value))
+    numpy = sys.modules.get("numpy")  # a NumPy scalar exists only if NumPy is loaded
+    return value.item() if numpy is not None and isinstance(value, numpy.generic) else value
 
 
 def described(one: dataclasses.Field[Any]) -> str:

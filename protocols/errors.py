@@ -17,6 +17,7 @@ _EXTRAS = {
     "tensorboard": "tensorboard",
     "warp": "mujoco_warp warp",
 }
+_MOST_LISTED = 20  # names in a sentence
 
 
 class InputError(Exception):
@@ -43,11 +44,12 @@ def check_name(what: str, name: object, known: Iterable[str]) -> None:
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """Returns "did you mean ...?" with similar names, or, without any, the list of all names."""
+    """Returns "did you mean ...?" with similar names, or, without any, a list of the names."""
     names = [*known]
     if question := similar(name, names):
         return question
-    return f"there are {', '.join(names)}" if names else "there are none"
+    more = f" and {len(names) - _MOST_LISTED} more" if len(names) > _MOST_LISTED else ""
+    return f"there are {', '.join(names[:_MOST_LISTED])}{more}" if names else "there are none"
 
 
 def similar(name: str, known: Iterable[str]) -> str:

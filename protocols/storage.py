@@ -1,7 +1,8 @@
 """Writes files that are whole or absent: atomic writes, arrays with a digest, locks; no pickle.
 
 The functions of this module create, replace and delete all files of a command, and follow no link
-below the folder that the user has named. Only TensorBoard writes files of its own.
+below the folder that the user has named. Only TensorBoard writes files of its own, and
+`checkpoints.set_aside` renames damaged ones.
 """
 
 from __future__ import annotations

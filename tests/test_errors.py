@@ -26,6 +26,7 @@ def test_only_the_most_similar_names_are_suggested_and_dashes_do_not_count():
 def test_without_a_similar_name_all_names_are_listed():
     assert nearest("xx", ["robots", "set"]) == "there are robots, set"
     assert nearest("xx", []) == "there are none"
+    assert nearest("xx", map(str, range(30))).endswith(", 18, 19 and 10 more")
     assert nearest("sett", ["robots", "set"]) == "did you mean set?"
 
 

@@ -73,7 +73,8 @@ class CheckedAgent(Agent):
         return self._arrays("state")
 
     def load_state(self, arrays: Mapping[str, np.ndarray]) -> None:
-        self._call("load_state", copied(arrays), passed=(ValueError, KeyError))
+        passed = ValueError, KeyError, MemoryError  # for want of memory no file is damaged
+        self._call("load_state", copied(arrays), passed=passed)
 
     def weights(self) -> dict[str, np.ndarray]:
         arrays = self._arrays("weights")

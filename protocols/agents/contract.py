@@ -18,6 +18,7 @@ import numpy as np
 
 from ...controller.senses import Senses
 from ..errors import InputError, RunError
+from ..progress import tracked
 from .base import Agent
 from .checked_agent import CheckedAgent, copied
 from .factory import factory_of, trust
@@ -224,7 +225,7 @@ def check_agent(name: str, settings: Sequence[str] = ()) -> list[str]:
       InputError, RunError: see `AgentContract.broken`.
     """
     broken = []
-    for task, signals in _CASES:
+    for task, signals in tracked(_CASES, f"checking {name}"):
         contract = AgentContract()
         contract.name, contract.task, contract.signals = name, task, signals
         contract.learns = recorded_name(name) not in OWN_BOUNDS

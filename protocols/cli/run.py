@@ -74,12 +74,14 @@ class Run:
     def __call__(self) -> None:
         """Simulates, and prints the tables."""
         from ..pages import tables
-        from ..runs.run_files import TABLES_FILE
-        from ..storage import resolved, write_text
+        from ..runs.run_files import TABLES_FILE, read_run
+        from ..storage import locked, resolved, write_text
 
         out = resolved(self.out)  # an agent may change the working directory
-        text = tables.markdown(self.simulate())
-        write_text(out / TABLES_FILE, f"{text}\n")
+        self.simulate()
+        with locked(out):  # another command may have added robots meanwhile
+            text = tables.markdown(read_run(out, networks=False))
+            write_text(out / TABLES_FILE, f"{text}\n")
         show_markdown(text)
 
     def simulate(self, *, quiet: bool = False) -> FinishedRun:
@@ -93,7 +95,7 @@ class Run:
         from ..runs.run_files import planned
         from ..runs.simulation import simulate
 
-        if not self.save_every > 0:
+        if not isinstance(self.save_every, int | float) or not self.save_every > 0:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         config = read_config(self.config) if self.config else Config()
         held = planned(self.out)
@@ -131,6 +133,7 @@ class Run:
 
     def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
         """Returns the plan; values are from the command, else the file, else OUT, else defaults."""
+        from ...controller import Parameters
         from ..runs.experiment import Experiment, changed
         from ..runs.manifest import check_identity
         from ..runs.plan import Plan, check_robots, default_cohort_size
@@ -153,8 +156,9 @@ class Run:
             experiment = changed(experiment, {"cohort_size": size})
         for_agents = experiment.settings or experiment.signals == "raw"
         brains = [condition for condition in robots if condition.has_brain]
-        if self.brain is not None and not held and not brains:
-            raise InputError("--brain is for proposers, and this run has only agents")
+        own_brain = self.brain is not None or experiment.brain != Parameters()
+        if own_brain and not held and not brains:
+            raise InputError("a brain is for proposers, and this run has only agents")
         if for_agents and not held and len(brains) == len(robots):
             raise InputError(
                 "settings and raw signals change agents only, and this run has none; a brain is "
@@ -197,7 +201,7 @@ class Run:
             values["settings"] = tuple(sorted(settings))
         parts = {"brain": Parameters, "kinematics": Kinematics}
         own = [field.name for field in dataclasses.fields(base)]
-        known = [name for name in own if name not in (*parts, "settings", "life")]
+        known = ["agent.NAME", *(name for name in own if name not in (*parts, "settings", "life"))]
         for part, cls in parts.items():
             known += [f"{part}.{field.name}" for field in dataclasses.fields(cls)]
         given = values_of([word for word in self.set if not word.startswith("agent.")], known)
@@ -255,6 +259,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> FinishedRun:
     allowed = sorted(field.name for field in dataclasses.fields(Run) if field.name != "out")
     if unknown := sorted({*options} - {*allowed}):
         raise TypeError(f"musebot.run takes the options {', '.join(allowed)}, got {unknown[0]}")
+    options = {name: _plain(value) for name, value in options.items()}
     for name in ("life", "proposer", "agent", "set"):
         if name in options:
             options[name] = _words(options[name])
@@ -281,10 +286,16 @@ _running = False  # whether `run` is simulating
 
 def _words(value: Any) -> tuple[str, ...]:
     """Returns an option's words, given one name, a list of names, or a dictionary."""
-    if isinstance(value, str):
-        return (value,)
+    if isinstance(value, str | Path):
+        return (str(value),)
     if isinstance(value, Mapping):
         return tuple(
-            f"{name}={x if isinstance(x, str) else json.dumps(x)}" for name, x in value.items()
+            f"{name}={x if isinstance(x, str) else json.dumps(_plain(x))}"
+            for name, x in value.items()
         )
-    return tuple(value)
+    return tuple(map(str, value or ()))
+
+
+def _plain(value: Any) -> Any:
+    """Returns a NumPy value as Python numbers, and any other value unchanged."""
+    return value.tolist() if hasattr(value, "tolist") else value

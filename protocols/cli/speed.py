@@ -24,6 +24,7 @@ from ...tasks import Batch
 from ...tasks.batch import substeps_of
 from ...tasks.lives import PAPER_LIVES
 from ..errors import RunError
+from ..progress import tracked
 from ..runs.cohort import Cohort
 from ..runs.conditions import CohortKey, Condition
 from ..runs.device import HOST
@@ -174,8 +175,8 @@ def life(cohort: Cohort, steps: int, repetitions: int) -> dict[str, float]:
 
 def lives(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each body, task, brain and size of a cohort of creative robots."""
-    kinds = itertools.product(BODIES, PAPER_LIVES, ("paper", "steady"), effort.cohorts)
-    for body, task, brain, robots in kinds:
+    kinds = [*itertools.product(BODIES, PAPER_LIVES, ("paper", "steady"), effort.cohorts)]
+    for body, task, brain, robots in tracked(kinds, "lives"):
         experiment = Experiment(body=body, brain=BRAINS[brain], cohort_size=robots)
         cohort = cohort_in_training(experiment, Condition(task, "creative"))
         labels = {"body": body, "task": task, "brain": brain, "robots": robots}
@@ -184,7 +185,7 @@ def lives(effort: Effort) -> Iterator[dict[str, Any]]:
 
 def backends(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each number of robots: Numba and PyTorch in the kinematic simulator."""
-    for robots in effort.backends:
+    for robots in tracked(effort.backends, "backends"):
         steps = effort.steps(robots)
         numba, pytorch = (
             functools.partial(cohort_in_training(experiment, _POPULATION).advance, steps)
@@ -242,7 +243,8 @@ def check_populations(device: str) -> None:
 def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
     """Yields a row for each simulator and number of robots; no rates if memory is too small."""
     sizes = effort.cohorts if device == HOST else effort.populations
-    for (simulator, fields), robots in itertools.product(SIMULATORS.items(), sizes):
+    kinds = [*itertools.product(SIMULATORS.items(), sizes)]
+    for (simulator, fields), robots in tracked(kinds, "populations"):
         row: dict[str, Any] = {"simulator": simulator, "robots": robots}
         try:
             experiment = Experiment(cohort_size=robots, device=device, **fields)

@@ -16,6 +16,7 @@ from ..analysis.adaptation import FAILED, RECOVERED, WINDOW, Adaptation, Newborn
 from ..analysis.hypothesis_tests import ALPHA, holm, same_mean
 from ..pages import style
 from ..pages.markdown import mean_cell, number, probability, table, with_interval
+from ..progress import tracked
 from .bounds import UNTAUGHT, Matrix
 from .study import Page
 
@@ -88,7 +89,10 @@ class Column:
     def tests(self) -> Mapping[str, float]:
         """p, corrected by Holm, of each learner's difference from the best one, by name."""
         best, *others = self.ranked()
-        values = [same_mean(best.old.online, row.old.online, paired=False) for row in others]
+        values = [
+            same_mean(best.old.online, row.old.online, paired=False)
+            for row in tracked(others, f"comparing scores in {self.life.name}")
+        ]
         return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
 
 

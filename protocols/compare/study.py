@@ -126,9 +126,8 @@ def conduct(study: Study, out: Path, executor: Executor) -> Page:
     identity, plans = json.loads(json.dumps(study.identity())), study.plans()
     _check(study, identity, out)
     for name, plan in plans.items():  # before anything is written
-        if (held := planned(out / name)) is not None:
-            check_identity(out / name, vars(held.experiment), vars(plan.experiment))
-        UnfinishedRun.read(out / name, plan).check()
+        planned(out / name)  # refuses what is no run
+        UnfinishedRun.read(out / name, plan).check(getattr(executor, "processes", 1))
 
     def run_jobs(jobs: Sequence[Job], finished: Callable[[Job], None] = lambda job: None) -> None:
         left = [job for job in jobs if not job.done()]

@@ -137,7 +137,7 @@ class Cohort:
         self.steps = self._legs[-1].stop
         self._events = np.zeros((robots, len(STAGES)), dtype=np.int32)
         self._minutes = np.zeros((robots, -(-self.steps // _MINUTE)), dtype=np.int16)
-        self._unsound, self._stopped = np.zeros((2, robots), dtype=bool)
+        self._stopped = np.zeros(robots, dtype=bool)
         self.batch.stop(np.flatnonzero(self.unsound()))
 
     @property
@@ -225,9 +225,8 @@ class Cohort:
             self.batch.stop(np.flatnonzero(self.unsound()))
 
     def unsound(self) -> np.ndarray:
-        """Returns which robots have, or had at an earlier check, a NaN or infinite weight."""
-        self._unsound |= ~sound(self.agent.weights(), self.batch.robots)
-        return self._unsound
+        """Returns which robots have a NaN or infinite weight."""
+        return ~sound(self.agent.weights(), self.batch.robots)
 
     def newly_stopped(self) -> dict[str, list[int]]:
         """Returns the indices of the robots that were stopped since the last call, by cause."""

@@ -11,6 +11,7 @@ from ...tasks.lives import LIFE_NAME, LIVES
 from ..agents.names import OWN
 from ..errors import InputError, similar
 
+_LONGEST = 150  # bytes of an agent's name, which is part of files' names
 _FACTORY = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 
 
@@ -78,3 +79,5 @@ def check_proposer(name: str) -> None:
             f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
             f"package.module:factory, got {name!r}{question and f'; {question}'}"
         )
+    if len(name.encode()) > _LONGEST:
+        raise InputError(f"an agent's name must have at most {_LONGEST} bytes, got {shown(name)}")

@@ -73,16 +73,10 @@ class Plan:
         return sorted(keys, key=lambda key: -sum(life_of(key.condition.task).steps()))
 
     def merged_with(self, older: Plan) -> Plan:
-        """Returns a plan with the robots of both plans.
-
-        Raises:
-          InputError: the experiments differ.
-        """
-        if self.experiment != older.experiment:
-            raise InputError("the robots of two experiments cannot be merged")
+        """Returns a plan with the robots of both plans, and the experiment of the older one."""
         conditions = sorted({*older.robots, *self.robots})
         robots = {c: max(self.robots.get(c, 0), older.robots.get(c, 0)) for c in conditions}
-        return Plan(self.experiment, robots)
+        return Plan(older.experiment, robots)
 
 
 def check_robots(robots: Any) -> None:

@@ -31,7 +31,7 @@ from .cohort import Cohort, make_agent
 from .conditions import CohortKey, Condition
 from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
-from .manifest import MANIFEST, check_physics, read_manifest, write_manifest
+from .manifest import MANIFEST, check_identity, check_physics, read_manifest, write_manifest
 from .plan import Plan, check_agent_memory, check_memory, job_bytes
 from .run import Lives, Measured, Run, joined, results_of
 from .run_files import (
@@ -168,8 +168,11 @@ def check_same_weights(
 ) -> None:
     """Raises InputError if the weights `own` and `kept` differ in name, dtype or shape per robot.
 
-    Another version of the agent may have simulated the earlier robots.
+    Another version of the agent may have simulated the earlier robots, or they were kept without
+    their networks.
     """
+    if own and not kept:
+        raise InputError(f"the robots of {who} that the run has are kept without their networks")
     kinds, known = (
         {(name, array.dtype, array.shape[1:]) for name, array in weights.items()}
         for weights in (own, kept)
@@ -214,7 +217,9 @@ class UnfinishedRun:
         check_own_folder(directory / CHECKPOINTS)
         wanted = plan.robots
         if (directory / MANIFEST).exists():
-            plan = plan.merged_with(read_manifest(directory))
+            held = read_manifest(directory)
+            check_identity(directory, vars(held.experiment), vars(plan.experiment))
+            plan = plan.merged_with(held)
         measured = read_measured(directory, plan.experiment)
         keys = [key for key in plan.cohorts() if key.condition in wanted]
         left = [key for key in keys if not _holds(measured, key, plan)]

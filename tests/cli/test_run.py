@@ -5,6 +5,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers import files_below
 
@@ -117,7 +118,9 @@ def test_words_override_a_file_before_its_values_are_checked(tmp_path):
         (["--life", "body@13"], "the life body has the phases 1 to 12, got 'body@13'"),
         (["--proposer", "dqn"], "got 'dqn'; --agent dqn takes it"),
         (["--seed", "1", "--set", "seed=2"], "seed is given twice, by --seed and --set"),
-        (["--agent", "dqn", "--brain", "steady"], "--brain is for proposers, and this run"),
+        (["--agent", "dqn", "--brain", "steady"], "a brain is for proposers, and this run"),
+        (["--agent", "dqn", "--set", "brain.epsilon=0.5"], "a brain is for proposers"),
+        (["--agent", "dqn", "--set", "rate=1"], "there are agent.NAME, seed"),
         (["--set", "motor_speed=1e-320"], "motor_speed must be a number in [0.001, 10] m/s"),
     ],
 )
@@ -132,8 +135,9 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, t
 
 
 def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
-    options = {"life": "spot_finding", "proposer": ["creative", "random"], "robots": 2}
-    settings = {"set": {"brain.epsilon": 0.1, "brain.fixed_motors": [0.0, 0.5]}, "brain": "steady"}
+    options = {"life": "spot_finding", "proposer": ["creative", "random"], "robots": np.int64(2)}
+    fields = {"brain.epsilon": np.float64(0.1), "brain.fixed_motors": [0.0, 0.5]}
+    settings = {"set": fields, "brain": "steady"}
     run = musebot.run(tmp_path / "run", **SHORT, **options, **settings)
     assert run.conditions() == [Condition("spot_finding", name) for name in ("random", "creative")]
     assert (run.experiment.brain.epsilon, run.experiment.brain.memory_hidden) == (0.1, 10)
@@ -143,7 +147,10 @@ def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
     assert files_below(tmp_path / "run") == before
     with pytest.raises(TypeError, match="takes the options agent, .*, got robot$"):
         musebot.run(tmp_path / "new", robot=2)
-    for wrong in ({"robots": "2"}, {"seed": "2"}, {"processes": "1"}, {"brain": "divine"}):
+    for wrong in (
+        {"robots": "2"}, {"seed": "2"}, {"processes": "1"}, {"brain": "divine"},
+        {"save_every": "60"}, {"life": Path("none.toml")},
+    ):  # fmt: skip
         with pytest.raises(InputError):
             musebot.run(tmp_path / "new", **wrong)
     with pytest.raises(InputError, match="out must name a folder"):

@@ -150,6 +150,7 @@ def test_numbers_of_numpy_become_pythons():
     own = Sample(speed=np.float64(0.5), steps=np.int64(3), on=np.bool_(True), colour=np.str_("red"))
     assert own == Sample(speed=0.5, steps=3, on=True)
     assert [type(x) for x in (own.speed, own.steps, own.on, own.colour)] == [float, int, bool, str]
+    assert type(Parameters(fixed_motors=(*np.array([0.0, 0.5]),)).fixed_motors[1]) is float
     for value in (np.array(0.5), np.array([0.5, 0.5]), np.nan):
         with pytest.raises(ValueError, match="^speed must"):
             Sample(speed=value)

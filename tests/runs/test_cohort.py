@@ -258,7 +258,6 @@ def test_a_robot_with_a_weight_that_is_not_finite_is_stopped_at_the_end_of_a_min
     cohort.advance(1)
     assert cohort.step == noticed_at and cohort.valid.tolist() == [True, False, True]
     weights[1] = 0.0
-    assert cohort.unsound().tolist() == [False, True, False]  # it is remembered
     cohort.advance(10**9)
     assert cohort.lives().valid.tolist() == [True, False, True]
 

@@ -43,5 +43,7 @@ def test_unknown_tasks_and_proposers_are_refused_and_factories_accepted():
     for name in ("nonsense", "a.b", "a:b:c", "a b:c", ":x", "x:", "1a:b"):
         with pytest.raises(InputError, match="must be one of fixed, random, creative, or an agent"):
             check_proposer(name)
-    for name in (*PROPOSERS, "a:b", "a.b.c:d", "_a._b:_c"):
+    with pytest.raises(InputError, match="an agent's name must have at most 150 bytes, got 'aaa"):
+        check_proposer(f"{'a' * 149}:b")
+    for name in (*PROPOSERS, "a:b", "a.b.c:d", "_a._b:_c", f"{'a' * 148}:b"):
         check_proposer(name)

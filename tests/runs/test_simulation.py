@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers import files_below
 
+from musebot.protocols.agents.factory import trust
 from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.errors import InputError, Interrupted
 from musebot.protocols.runs import simulation
@@ -18,7 +19,7 @@ from musebot.protocols.runs.cohort import Cohort
 from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.local import Local
-from musebot.protocols.runs.manifest import MANIFEST
+from musebot.protocols.runs.manifest import MANIFEST, write_manifest
 from musebot.protocols.runs.plan import Plan
 from musebot.protocols.runs.run import Lives
 from musebot.protocols.runs.run_files import RESULTS_FILE, ROBOTS_FILE, read_run
@@ -161,7 +162,7 @@ def test_a_run_that_had_begun_names_both_machines(begun, run, tmp_path, monkeypa
     ("damage", "seed", "words"),
     [
         ("results", 1, "damaged"),
-        ("seed", 2, "the robots of two experiments cannot be merged"),
+        ("seed", 2, "holds an experiment with seed 1, not 2"),
         ("physics", 1, "was simulated in another physics"),
     ],
 )
@@ -182,6 +183,15 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
     assert files_below(tmp_path) == before and executor.jobs == []
 
 
+def test_a_run_is_continued_with_its_settings_in_any_order(tmp_path):
+    learner = Condition("spot_finding", recorded_name("q_learner"))
+    words = ("rate=0.1", "discount=0.8")
+    ours, other = (plan(2, [learner], settings=one) for one in (words, words[::-1]))
+    write_manifest(tmp_path, ours)
+    trust(learner.proposer)
+    assert UnfinishedRun.read(tmp_path, other).plan == ours
+
+
 def test_what_the_folder_or_the_machine_cannot_hold_is_refused_before_it_is_begun(
     run, tmp_path, monkeypatch
 ):
@@ -200,6 +210,8 @@ def test_robots_with_other_weights_than_those_of_the_run_are_not_added(tmp_path)
     held = Lives(*[np.empty(0)] * 3, {}, {"old": np.empty(0)})
     with pytest.raises(InputError, match="keeps other weights than the robots of the run.*: .*old"):
         check_agents(plan(4, [learner]), {learner: held})
+    with pytest.raises(InputError, match="are kept without their networks"):
+        check_agents(plan(4, [learner]), {learner: Lives(*[np.empty(0)] * 3, {}, {})})
     own = {"table": np.zeros((3, 4), np.float32)}
     check_same_weights(learner, own, {"table": np.ones((9, 4), np.float32)})
     for other in (np.zeros((3, 4)), np.zeros((3, 5), np.float32)):
