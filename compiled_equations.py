@@ -1,6 +1,7 @@
 """The paper's brain in the kinematic simulator, compiled by Numba, robot by robot.
 
-This file repeats equations of `controller`, `models.kinematic` and `tasks.sensors`, for speed.
+This file repeats equations of `controller`, `models.kinematic`, and of `sensors`, `world`,
+`kinematic`, `batch`, `spot_finding` and `wall_avoidance` in `tasks`, for speed.
 `tests/test_compiled_equations.py` compares the results of both. The file imports no other module of
 the package, because Numba reuses compiled code until this file changes.
 """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import json
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -379,7 +380,8 @@ class TaskDefinition(Checked):
         name = self.name if nose == "inverse" else f"{self.name}, nose {nose}"
         if self.life:
             self.life.check(rules, dimensions)
-            name += f", life {zlib.crc32(repr(self.life).encode()):08x}"
+            plain = json.loads(json.dumps(dataclasses.asdict(self.life)), parse_int=float)
+            name += f", life {zlib.crc32(repr(plain).encode()):08x}"  # equal for equal lives
             steps = min(steps, sum(self.life.steps()))
         return Episode(name, start, dimensions, self.limit, self.spot_steps, steps, self.life)
 
@@ -402,4 +404,4 @@ def steps_until(time_limit: float) -> float:
     As in dm_control, the episode ends with the first step that reaches the limit.
     """
     steps = round(time_limit / CONTROL_TIMESTEP, 6)  # 3 * 0.1 is slightly more than 0.3
-    return math.ceil(steps) if math.isfinite(steps) else steps
+    return max(1, math.ceil(steps)) if math.isfinite(steps) else steps

@@ -81,6 +81,10 @@ class Episode:
     def _legs(self) -> Mapping[int, Leg]:
         return {leg.start: leg for leg in self.life.legs()} if self.life else {}
 
+    @functools.cached_property
+    def _starts(self) -> Sequence[int]:
+        return [*self._legs]
+
     def leg_from(self, step: int) -> Leg | None:
         """Returns the stretch of the life that begins at control step `step`, None if none does."""
         return self._legs.get(step)
@@ -90,10 +94,9 @@ class Episode:
 
         Raises ValueError for an episode that is not a life.
         """
-        starts = [*self._legs]
-        if not starts:
+        if not self._starts:
             raise ValueError(f"an episode of {self.task} is no life")
-        return self._legs[starts[bisect.bisect_right(starts, step) - 1]]
+        return self._legs[self._starts[bisect.bisect_right(self._starts, step) - 1]]
 
     def jumps(self, step: Any) -> Any:
         """Returns whether the spot jumps at the start of control step number `step`, from 0."""

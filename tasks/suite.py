@@ -75,7 +75,7 @@ def life_definition(life: Any) -> TaskDefinition:
     Raises ValueError where there is none, OSError where a file cannot be read.
     """
     found = life
-    if isinstance(life, str) and life.endswith(".toml"):
+    if isinstance(life, str | Path) and Path(life).suffix == ".toml":
         found = life_from(tomllib.loads(Path(life).read_text(encoding="utf-8-sig")))
     elif isinstance(life, str):
         with contextlib.suppress(KeyError):

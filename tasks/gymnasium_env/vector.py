@@ -303,6 +303,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             "seeds": list(self._seeds),
             "steps": self._steps.copy(),
             "counts": self._counts.copy(),
+            "reached": self._reached.copy(),
             "over": self._over.copy(),
         }
 
@@ -318,8 +319,8 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             set_stream_state(random, one)
         self._batch.set_state(state["batch"])
         self._seeds = list(state["seeds"])
-        self._steps, self._counts, self._over = (
-            state[name].copy() for name in ("steps", "counts", "over")
+        self._steps, self._counts, self._reached, self._over = (
+            state[name].copy() for name in ("steps", "counts", "reached", "over")
         )
         if self._episode.life:
             self._batch.enter(self._episode.leg_of(int(self._steps[0])).phase.world)

@@ -267,7 +267,26 @@ def copied(make, one, how, **short):
         return pickle.loads(pickle.dumps(one))
     other = begun(make, seed=99, **short)
     other.env.set_state(pickle.loads(pickle.dumps(one.env.get_state())))
+    if make is Vector:
+        np.testing.assert_array_equal(other.env._reached, one.env._reached)
     return other
+
+
+def test_equal_lives_take_each_others_states(make):
+    whole, real = (
+        Life("alike", "Alike", "spot_finding", (Phase(minutes=m, world=World(wheels=w)),))
+        for m, w in ((1, (0, 1, 1, 0)), (1.0, (0.0, 1.0, 1.0, 0.0)))
+    )
+    one, other = begun(make, whole), begun(make, real)
+    other.env.set_state(one.env.get_state())
+    assert_continue_alike(one, other, 2)
+
+
+def test_an_episode_has_at_least_one_step_and_takes_its_own_state():
+    environment = musebot.load("arena", "wall_avoidance", {"time_limit": 1e-8})
+    environment.reset()
+    assert environment.step(np.zeros(2)).last()
+    environment.set_state(environment.get_state())
 
 
 @pytest.mark.parametrize("task", [JUMPING, TWO_WORLDS], ids=["jumping", "life"])

@@ -30,7 +30,8 @@ class AVG(OnlineLearner):
     the standard deviation of r - entropy log p(a | s) (return-based scaling; a constant discount
     does not change it). As published, sigma is 1 as long as the variance is at most 0.01. The
     action a' is the one that the robot takes; the authors' program draws another. An output is the
-    logarithm of the spread; in the authors' program, of the variance. In tests, the noise is 0.
+    logarithm of the spread; in the authors' program, of the variance. The initial weights of means
+    and spreads are orthogonal together; there, each by themselves. In tests, the noise is 0.
     """
 
     # Gymnasium's value, which the authors use. Without it, the first normalised signals and so the

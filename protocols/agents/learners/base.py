@@ -133,7 +133,7 @@ class OnlineLearner(Agent):
         """Learns from the transition from `before` to `now`, with its reward, shape (B,)."""
 
     def placed_anew(self) -> None:
-        """Forgets traces of earlier steps; called when the robots are placed anew."""
+        """Forgets traces of earlier steps; called when robots are placed anew, and in tests."""
 
     def reset(self) -> None:
         self._placed.fill_(True)
@@ -145,6 +145,8 @@ class OnlineLearner(Agent):
             self.before[name].copy_(tensor)
         self._chained.copy_(~self._placed)
         self._placed.fill_(False)
+        if not learning:
+            self.placed_anew()  # traces must not bridge a test
         self.now["inputs"].copy_(self.scaled(state))
         return self.choose(self.now["inputs"], learning).numpy()
 

@@ -49,11 +49,13 @@ def test_a_signal_that_first_varies_in_a_test_stays_within_the_bound_of_training
 
 
 def test_a_newborn_chooses_by_what_it_senses_before_anything_is_learned(name):
-    agent, random, inputs = made(name), np.random.default_rng(8), []
+    agent, random, inputs, motors = made(name), np.random.default_rng(8), [], []
     for state in random.uniform((0, -1), (1, 0), (20, 3, 2)).astype(np.float32):
-        agent.act(state, False)
+        motors.append(agent.act(state, False))
         inputs.append(normalised(agent))
     assert np.std(inputs, axis=0).min() > 0.1
+    varies = np.std(motors, axis=0).max() > 0
+    assert varies or name in ("q_learner", "sarsa_lambda")  # whose newborns prefer one action
 
 
 def test_what_a_test_chooses_depends_on_the_state_alone(name):
@@ -122,20 +124,9 @@ def test_a_robot_with_broken_weights_harms_no_other(name):
         assert np.isfinite(weights[[0, 2]]).all() and not np.isfinite(weights[1]).all()
 
 
-def test_nothing_is_left_of_the_past_when_a_robot_is_placed_anew(name):
-    agent = made(name)
-    lived(agent, 20)
-    agent.reset()
-    traces = {key: array for key, array in agent.state().items() if "trace" in key}
-    # One of each layer's weights and biases, and the trace of rewards.
-    wanted = {"sarsa_lambda": 1, "stream_q": 7, "stream_ac": 13}
-    assert len(traces) == wanted.get(name, 0)
-    assert not any(array.any() for array in traces.values())
-
-
 # Settings with which a learner finds the better action in a few hundred steps.
 FAST = {
-    **{name: {"discount": 0.6, "epsilon": 0.2} for name in ("q_learner",)},
+    "q_learner": {"discount": 0.6, "epsilon": 0.2},
     "sarsa_lambda": {"discount": 0.6, "epsilon": 0.2},
     "stream_q": {"discount": 0.6, "epsilon": 0.2, "epsilon_steps": 300.0},
     "stream_ac": {"discount": 0.6},

@@ -15,6 +15,7 @@ from torch import nn
 
 from musebot.controller.senses import Senses, Signal
 from musebot.protocols.agents.factory import factory_of
+from musebot.protocols.agents.learners.avg import _squashed
 from musebot.protocols.agents.learners.dqn import DQN
 from musebot.protocols.agents.learners.networks import Adam, LayeredNetworks
 from musebot.protocols.agents.learners.obgd import make_sparse
@@ -225,7 +226,9 @@ def test_avg_is_the_published_algorithm():
     check_networks(agent, "critic", 1, critic)
 
 
-def test_sarsa_lambda_is_the_published_algorithm():
+@pytest.mark.parametrize("memory", [4, 48])
+def test_sarsa_lambda_is_the_published_algorithm(memory, monkeypatch):
+    monkeypatch.setattr(SarsaLambda, "MEMORY", memory)
     agent = factory_of("sarsa_lambda")(
         2, SENSES, 0, rate=0.8, discount=0.9, trace=0.8, epsilon=0.2, initial=2.0
     )
@@ -233,16 +236,44 @@ def test_sarsa_lambda_is_the_published_algorithm():
     states[10:20] = states[10]  # tiles that are met again have a trace of 1
     (tiles,) = lived(agent, states, rewards, "weights_of")
     tiles = [step.tolist() for step in tiles]
+    assert agent._offsets[:, :2].tolist() == [[t / 8, 3 * t % 8 / 8] for t in range(8)]
     values, traces = collections.defaultdict(lambda: 2.0 / SarsaLambda.TILINGS), {}
+    least = 0.72 ** (memory - 0.5)  # older traces are dropped
     for before, now, reward in zip(tiles, tiles[1:], rewards[1:, 1], strict=False):
         assert len({*now}) == SarsaLambda.TILINGS
         error = reward + 0.9 * sum(values[i] for i in now) - sum(values[i] for i in before)
-        traces = {i: 0.9 * 0.8 * z for i, z in traces.items()} | dict.fromkeys(before, 1.0)
+        traces = {i: 0.72 * z for i, z in traces.items()} | dict.fromkeys(before, 1.0)
+        traces = {i: z for i, z in traces.items() if z > least}
         for i, z in traces.items():
             values[i] += 0.8 / SarsaLambda.TILINGS * error * z
     for i, value in values.items():
         assert agent.values[1, i] == pytest.approx(value, abs=1e-5)
     assert agent.state()["traces"][1].sum() == pytest.approx(sum(traces.values()), rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "number"), [("sarsa_lambda", 1), ("stream_q", 7), ("stream_ac", 13)]
+)
+def test_traces_end_where_a_robot_is_placed_anew_or_tested(name, number):
+    states, rewards = stream(20, 2)
+    for tested in (False, True):
+        agent = factory_of(name)(2, SENSES, 0)
+        lived(agent, states, rewards)
+        # One of each layer's weights and biases, and the trace of rewards.
+        traces = [array for key, array in agent.state().items() if "trace" in key]
+        assert len(traces) == number and any(array.any() for array in traces)
+        if tested:
+            agent.act(states[0], False)
+        else:
+            agent.reset()
+        traces = [array for key, array in agent.state().items() if "trace" in key]
+        assert not any(array.any() for array in traces)
+
+
+def test_avg_bounds_the_spread_of_its_actions():
+    outputs = torch.tensor([[0.0, 0.0, 50.0, -50.0]])
+    action, _ = _squashed(outputs, torch.tensor([[0.1, 1.0]]))
+    assert action.atanh()[0].tolist() == pytest.approx([0.1 * math.exp(2), math.exp(-20)])
 
 
 @pytest.mark.parametrize("rate", [0.01, torch.tensor([0.01, 0.03])])
