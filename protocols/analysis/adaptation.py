@@ -141,17 +141,22 @@ class Adaptation:
         relative = np.log2(self.relative_recovery(newborns))[np.array(returns) - 1]
         return float(np.polyfit(returns, relative, 1)[0])
 
-    def savings(self) -> float:
-        """Returns the share by which recovery is faster at last visits to worlds than at first.
+    def first_and_last(self) -> np.ndarray:
+        """Returns each robot's mean recovery at first and at last visits to worlds, shape (2, n).
 
         The world of birth is left out, in which much of the first visit may be spent exploring.
         NaN if no other world returns.
         """
         visits = [own for own in self.visits() if own[0] > 0]
         if not visits:
-            return float("nan")
-        earlier, later = (self.recovery[:, [own[k] for own in visits]].mean() for k in (0, -1))
-        return float(1 - later / earlier)
+            return np.full((2, len(self.recovery)), np.nan)
+        ends = ([own[k] for own in visits] for k in (0, -1))
+        return np.array([self.recovery[:, phases].mean(axis=1) for phases in ends])
+
+    def savings(self) -> float:
+        """Returns the share by which recovery is faster at last visits to worlds than at first."""
+        first, last = self.first_and_last().mean(axis=1)
+        return float(1 - last / first)
 
     def forgetting(self) -> float:
         """Returns mean score at the end of a visit to a world minus that at the start of the next.

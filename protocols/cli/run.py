@@ -78,10 +78,13 @@ class Run:
         from ..storage import locked, resolved, write_text
 
         out = resolved(self.out)  # an agent may change the working directory
-        self.simulate()
-        with locked(out):  # another command may have added robots meanwhile
-            text = tables.markdown(read_run(out, networks=False))
-            write_text(out / TABLES_FILE, f"{text}\n")
+        run = self.simulate()
+        try:
+            with locked(out):  # another command may have added robots meanwhile
+                text = tables.markdown(read_run(out, networks=False))
+                write_text(out / TABLES_FILE, f"{text}\n")
+        except InputError:  # another command is adding some, and will write its own tables
+            text = tables.markdown(run)
         show_markdown(text)
 
     def simulate(self, *, quiet: bool = False) -> FinishedRun:
@@ -157,7 +160,8 @@ class Run:
         for_agents = experiment.settings or experiment.signals == "raw"
         brains = [condition for condition in robots if condition.has_brain]
         own_brain = self.brain is not None or experiment.brain != Parameters()
-        if own_brain and not held and not brains:
+        chosen_from = any(condition.has_brain for condition in rows)  # the file's plan
+        if own_brain and not (held or brains or chosen_from):
             raise InputError("a brain is for proposers, and this run has only agents")
         if for_agents and not held and len(brains) == len(robots):
             raise InputError(
@@ -286,14 +290,15 @@ _running = False  # whether `run` is simulating
 
 def _words(value: Any) -> tuple[str, ...]:
     """Returns an option's words, given one name, a list of names, or a dictionary."""
-    if isinstance(value, str | Path):
-        return (str(value),)
+    if value is None:
+        return ()
     if isinstance(value, Mapping):
         return tuple(
-            f"{name}={x if isinstance(x, str) else json.dumps(_plain(x))}"
+            f"{name}={x if isinstance(x, str) else json.dumps(x, default=_plain)}"
             for name, x in value.items()
         )
-    return tuple(map(str, value or ()))
+    several = isinstance(value, Iterable) and not isinstance(value, str | Path)
+    return tuple(map(str, value if several else [value]))
 
 
 def _plain(value: Any) -> Any:

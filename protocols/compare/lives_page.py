@@ -40,8 +40,9 @@ _MEASURES = (
     "same after the last change only. Slope: change of the logarithm (to base 2) of recovery from "
     "one phase to the next, in worlds that return; positive: recovery becomes slower with age. "
     "Savings: by which share recovery is faster at the last return of a world, other than that of "
-    f"birth, than at the first visit. Forgotten: mean score of the last {WINDOW} minutes of a "
-    f"visit less that of the first {WINDOW} of the next one."
+    "birth, than at the first visit, with p of a permutation test of pairs (Holm over the "
+    f"learners). Forgotten: mean score of the last {WINDOW} minutes of a visit less that of the "
+    f"first {WINDOW} of the next one."
 )
 _MINUTES = (
     "Minutes of recovery of old robots at the first and at the last visit of each world, and of "
@@ -94,6 +95,15 @@ class Column:
             for row in tracked(others, f"comparing scores in {self.life.name}")
         ]
         return dict(zip([row.name for row in others], holm(np.array(values)), strict=True))
+
+    @functools.cached_property
+    def savings_tests(self) -> Mapping[str, float]:
+        """p, corrected by Holm, of each learner's difference between first and last visits."""
+        pairs = [row.old.first_and_last() for row in self.rows]
+        values = [
+            math.nan if np.isnan(pair).any() else same_mean(*pair, paired=True) for pair in pairs
+        ]
+        return dict(zip([row.name for row in self.rows], holm(np.array(values)), strict=True))
 
 
 def page(columns: Sequence[Column], time_scale: float = 1.0) -> Page:
@@ -149,7 +159,10 @@ def _measures(column: Column) -> list[list[str]]:
             relative = [with_interval(f"{mean:.2f}", interval, ".2f") for mean, interval in found]
             slope = f"{old.slope(row.newborns):+.3f}"
         p = column.tests.get(row.name, math.nan)
-        last = number(old.savings(), "+.2f"), number(old.forgetting(), "+.2f")
+        saved = number(old.savings(), "+.2f")
+        if not math.isnan(chance := column.savings_tests[row.name]):
+            saved += f" (p {probability(chance)})"
+        last = saved, number(old.forgetting(), "+.2f")
         worst = number(old.worst_tenth(), ".3f")
         cells = [mean_cell(old.online), failed, worst, *relative, slope, *last]
         rows.append([row.name, str(count), *cells, "" if math.isnan(p) else probability(p)])

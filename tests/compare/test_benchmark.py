@@ -134,7 +134,7 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
     ]  # fmt: skip
     learners = ["sarsa_lambda", *(f"paper, {name}" for name in PROPOSERS)]
     learners += [f"{brain}, creative" for brain in brains[1:]]
-    assert tested.call_count == 2 * (len(learners) - 1)
+    assert tested.call_count == 2 * (len(learners) - 1 + len(learners))  # scores, savings
     for learner in learners:  # among the scores and in both tables of each life
         assert len(re.findall(rf"^\| {learner} \|", page, re.MULTILINE)) == 5, learner
     assert page.count("| minutes |") == 2  # newborns lived in all worlds
