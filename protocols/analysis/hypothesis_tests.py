@@ -196,12 +196,11 @@ def same_mean(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
     if min(len(first), len(second)) < FEWEST_RESAMPLED:
         return float("nan")
     random = np.random.default_rng(_SEED)
-    permuted = _swapped if paired else _dealt
     if paired:
-        observed = abs((first - second).mean())
+        permuted, observed = _swapped, abs((first - second).mean())
     else:
-        marks = np.repeat([True, False], [len(first), len(second)])
-        observed = _welch(np.concatenate([first, second]), marks[None])[0]
+        in_first = np.repeat([[True, False]], [len(first), len(second)], axis=1)
+        permuted, observed = _dealt, _welch(np.concatenate([first, second]), in_first)[0]
     least = observed * (1 - 1e-9)  # equal but for rounding errors counts as equal
     drawn = extreme = 0
     while drawn < _DRAWS and extreme < _ENOUGH_EXTREME:

@@ -69,13 +69,11 @@ def _command(words: list[str]) -> Callable[[], None] | None:
 
 def overview(usage: str, verbs: Mapping[str, tuple[str, str, str]]) -> str:
     """Returns the help that lists verbs, each with a line about it."""
-    names = [verb.split()[-1] for verb in verbs]  # `usage` has the words before
-    width = max(map(len, names))
+    about = {verb.split()[-1]: line for verb, (_, _, line) in verbs.items()}  # after `usage`
+    width = max(map(len, about))
     lines = [f"usage: {usage} [OPTION ..]", ""]
     lines += ["Creative robots that learn during their lives, in MuJoCo.", ""]
-    lines += [
-        f"  {name:{width}}  {row[2]}" for name, row in zip(names, verbs.values(), strict=True)
-    ]
+    lines += [f"  {verb:{width}}  {line}" for verb, line in about.items()]
     lines += ["", f"`{usage} --help` explains a verb."]
     lines += ["`musebot --version` prints the version."]
     return "\n".join(lines)
