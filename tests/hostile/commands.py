@@ -11,7 +11,7 @@ from typing import get_type_hints
 
 import numpy as np
 from hostile import oracle
-from hostile.mutations import one
+from hostile.oracle import one
 
 from musebot.protocols.cli import doctor, speed, verbs
 from musebot.protocols.cli import parser as cli
@@ -46,7 +46,7 @@ NAMES = (
     "wheel_base lag pieces wall felt motor_speed brain.epsilon brain.ideas "
     "kinematics.lag rate"
 ).split()
-PLACES = "--output --config --compare --out --policy --tuned --runs --json --car-xml".split()
+PLACES = "--output --config --compare --out --policy --tuned --json".split()
 
 _SHORT = "--robots 2 --time-scale 0.002"
 # A sound command line of each verb; the options come from the verb's own fields.
@@ -86,8 +86,7 @@ def places(base, folder):
     """Makes a folder of places of every kind from the files in `base`; returns their paths."""
     folder.mkdir()
     run, foreign = folder / "run", folder / "foreign"
-    for name in ("run", "board"):
-        shutil.copytree(base / "a" / name, folder / name)
+    shutil.copytree(base / "a" / "run", run)
     (folder / "hidden" / ".git").mkdir(parents=True)
     foreign.mkdir()
     for file in (foreign / ".secret", foreign / "notes.txt", folder / "file.txt"):
@@ -183,8 +182,8 @@ def sound_words(verb, where):
 
 
 def _placed(words, where, other):
-    """Returns words with paths for OUT, FILE, RUN and BOARD."""
-    names = {"OUT": "new", "FILE": "new.mp4", "RUN": "run", "BOARD": "board"}
+    """Returns words with paths for OUT, FILE and RUN."""
+    names = {"OUT": "new", "FILE": "new.mp4", "RUN": "run"}
     own = Path(where[0]).parent
     return [(other() or str(own / names[word])) if word in names else word for word in words]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from hostile import oracle
-from hostile.mutations import one
+from hostile.oracle import one
 from torch.utils._pytree import tree_leaves
 
 import musebot

@@ -1,4 +1,7 @@
-"""Hostile cases of files that are read: real ones of each kind, their changes, and the readers."""
+"""Hostile cases of files that are read: what may stand in the place of each kind, and its reader.
+
+tests/test_storage.py changes every byte of a file; tests/runs/test_config.py the values of JSON.
+"""
 
 import dataclasses
 import functools
@@ -10,12 +13,9 @@ from pathlib import Path
 
 import numpy as np
 from helpers import random_policy
-from hostile import mutations as change
 from hostile import oracle
-from hostile.mutations import one
 
 from musebot.protocols import exit_status
-from musebot.protocols.agents.names import recorded_name
 from musebot.protocols.agents.policy import Policy
 from musebot.protocols.runs import checkpoints
 from musebot.protocols.runs.cohort import Cohort
@@ -38,9 +38,6 @@ def make(folder, seed, invented):
     short = dataclasses.replace(SHORT, seed=seed)
     experiment = dataclasses.replace(short, time_scale=0.05)
     _make_run(folder / "run", experiment, {WALLS: 4, SPOT: 2}, invented)
-    whole = dataclasses.replace(short, time_scale=1)
-    bounds = [Condition("spot_finding", recorded_name(name)) for name in ("newborn", "hand_coded")]
-    _make_run(folder / "board", whole, dict.fromkeys([SPOT, *bounds], 2), invented)
     cohort = Cohort(short, KEY)
     cohort.advance(cohort.steps // 2)
     checkpoints.save_checkpoint(checkpoints.checkpoint_file(folder, KEY), cohort)
@@ -121,43 +118,6 @@ def policy_of(folder):
     return _digest(*motors, *(policy.arrays[name] for name in sorted(policy.arrays)))
 
 
-# ---- Changes ----
-
-
-def _in_place(**mutators):
-    """Returns a change of a file's bytes."""
-
-    def changed(draw, path, other):
-        name = one(draw, [*mutators])
-        path.write_bytes(mutators[name](draw, path.read_bytes()))
-        return name
-
-    return changed
-
-
-def _placed(draw, path, other):
-    name = one(draw, [*change.PLACES])
-    path.unlink()
-    change.PLACES[name](path, other)
-    return name
-
-
-def _swapped(draw, path, other):
-    path.write_bytes(other.read_bytes())
-    return "swapped"
-
-
-def _mixed_up(draw, path, other):
-    """Puts another file of the same run or of another one there."""
-    others = [p for p in sorted(path.parent.iterdir()) if p != path and p.is_file()]
-    others += [p for p in sorted(other.parent.parent.rglob("*")) if p.is_file()]
-    path.write_bytes(one(draw, others).read_bytes())
-    return "mixed_up"
-
-
-_ANY = ((_in_place(**change.BYTES), 4), (_placed, 1), (_swapped, 0.4), (_mixed_up, 0.4))
-
-
 @dataclasses.dataclass(frozen=True)
 class Kind:
     """A kind of file within the folder that `make` writes."""
@@ -165,94 +125,93 @@ class Kind:
     name: str
     file: str
     read: object  # function that reads what the folder holds
-    changes: tuple = _ANY  # functions that change the file, each with its weight
 
-    def changed(self, draw, folder, other, number):
-        """Changes the file in a folder; returns the name of the change, of which all come first."""
-        functions, weights = zip(*self.changes, strict=True)
-        drawn = draw.choice(len(functions), p=np.array(weights) / sum(weights))
-        function = functions[number if number < len(functions) else drawn]
-        return function(draw, folder / self.file, other / self.file)
+    def work(self, folder):
+        """Reads a folder as a command does; returns the exit status and what was read."""
+        found = []
+        status = exit_status.exit_status(lambda: found.append(self.read(folder)))
+        return status, found[0] if found else None
 
 
 KINDS = (
-    Kind("experiment.json", "run/experiment.json", run_of,
-         (*_ANY, (_in_place(json=change.json_mutated), 6))),
+    Kind("experiment.json", "run/experiment.json", run_of),
     Kind("results", "run/results.safetensors.gz", run_of),
     Kind("checkpoint", f"checkpoints/{KEY}.safetensors", checkpoint_of),
     Kind("finished cohort", f"checkpoints/{KEY}.finished.safetensors", finished_of),
     Kind("policy", "policy.safetensors", policy_of),
-)  # fmt: skip
+)
 
 
-def working(kind, folder):
-    """Returns the work of reading a folder, as a command that ends in an exit status."""
-
-    def work():
-        found = []
-        status = exit_status.exit_status(lambda: found.append(kind.read(folder)))
-        return status, found[0] if found else None
-
-    return work
+# ---- What stands in the place of a file ----
 
 
-# ---- Cases ----
+def places(kind, others):
+    """Returns what may stand in the place of a file: by name, functions that put it at a path.
 
-SEED = 20040
-# Accepted changes of a result: nothing could tell of sound weights of another policy.
-UNTOLD = {"policy": ["swapped", "mixed_up", "link_to_other"]}
+    Args:
+      kind: The file's kind.
+      others: Folder with the files of other robots.
+    """
+
+    def huge(path):
+        path.touch()
+        os.truncate(path, 2**30)  # without blocks on the disk
+
+    def put(file):
+        return lambda path: path.write_bytes(file.read_bytes())
+
+    return {
+        "no file": lambda path: None,
+        "a pipe": os.mkfifo,
+        "a folder": os.mkdir,
+        "a link to other robots": lambda path: path.symlink_to(others / kind.file),
+        "a link to itself": lambda path: path.symlink_to(path.name),
+        "a link to /dev/zero": lambda path: path.symlink_to("/dev/zero"),
+        "a link to /dev/full": lambda path: path.symlink_to("/dev/full"),
+        "a link to /dev/stdin": lambda path: path.symlink_to("/dev/stdin"),
+        "a huge file": huge,
+        **{f"the {other.name} of other robots": put(others / other.file) for other in KINDS},
+    }
 
 
-_TRUE = {}
+# Nothing could tell of sound weights that they are another policy's.
+SOUND_POLICIES = ("a link to other robots", "the policy of other robots")
 
 
-def case(base, folder, kind, number):
-    """Carries out a numbered case of a kind of file, in a folder that is then removed.
+def case(base, folder, kind, place):
+    """Reads a folder in which something else stands in the place of a file.
+
+    Args:
+      base: Folder with the files of two seeds, in `a` and `b`.
+      folder: Folder that is made, and removed afterwards.
+      kind: The file's kind.
+      place: What stands there: a name of `places`.
 
     Returns:
       The class of what happened, which must not begin with "wrong", and a sentence.
     """
-    draw = np.random.default_rng([SEED, KINDS.index(kind), number])
     own, victim = folder / "own", folder / "victim"
-    part = Path(kind.file).parts[0]
-    own.mkdir(parents=True)
-    copy = shutil.copytree if (base / "a" / part).is_dir() else shutil.copy
-    copy(base / "a" / part, own / part)
+    shutil.copytree(base / "a", own)
     victim.mkdir()
     (victim / "notes.txt").write_text("mine")
-    os.environ["HOSTILE_MARK"] = str(folder / "unpickled")
-    what = kind.changed(draw, own, base / "b", number)
+    (own / kind.file).unlink()
+    places(kind, base / "b")[place](own / kind.file)
     before, outside = oracle.snapshot(own), oracle.snapshot(victim, base, contents=False)
-    outcome = oracle.carried_out(working(kind, own))
-    said = f"{kind.name} {number}, {what}: {outcome.status} {outcome.printed.strip()[-1200:]}"
-    try:
-        return _judged(kind, what, outcome, before != oracle.snapshot(own)), said
-    finally:
-        left = oracle.snapshot(victim, base, contents=False)
-        assert left == outside, f"{said}: something outside was changed"
-        assert not (folder / "unpickled").exists(), f"{said}: code of the file was run"
-        shutil.rmtree(folder)
+    outcome = oracle.carried_out(lambda: kind.work(own))
+    said = f"{kind.name}, {place}: {outcome.status} {outcome.printed.strip()[-1200:]}"
+    unchanged = before == oracle.snapshot(own)
+    assert oracle.snapshot(victim, base, contents=False) == outside, f"{said}: changed outside"
+    shutil.rmtree(folder)
+    return _judged(kind, place, outcome, unchanged), said
 
 
-def _judged(kind, what, outcome, changed):
+def _judged(kind, place, outcome, unchanged):
     if outcome.status == 0:
-        if outcome.value == _TRUE[kind.name]:
-            return "accepted, the same results"
-        if kind.name == "checkpoint" and outcome.value is (what != "no_file"):
+        if kind.name == "checkpoint" and outcome.value is (place != "no file"):
             return "set aside, starts anew"
-        if what in UNTOLD.get(kind.name, ()):
-            return f"is unknown: {what}"
-        return f"wrong: accepted with other results after {what}"
+        if kind.name == "policy" and place in SOUND_POLICIES:
+            return "another policy"
+        return "wrong: accepted"
     if wrong := oracle.complaint(outcome):
         return f"wrong: {wrong}"
-    if changed:
-        return "wrong: refused, but the folder was changed"
-    return "refused in one sentence"
-
-
-def learn_truth(base):
-    """Reads the unchanged files: what every accepted case must give."""
-    for kind in KINDS:
-        outcome = oracle.carried_out(working(kind, base / "a"))
-        assert outcome.status == 0, f"{kind.name}: {outcome.printed}"
-        _TRUE[kind.name] = outcome.value
+    return "refused in one sentence" if unchanged else "wrong: refused, but the folder was changed"

@@ -16,6 +16,11 @@ MOST_SECONDS, LONGEST_WAIT, MOST_BYTES = 10.0, 120.0, 2**31
 MOST_CHARACTERS = 4500  # of the sentence of a refusal: 2,000 with every character escaped
 
 
+def one(draw, values):
+    """Draws one of several values, by a random generator."""
+    return values[draw.integers(len(values))]
+
+
 class OutOfTime(BaseException):
     """A case ran longer than it may."""
 

@@ -73,7 +73,7 @@ def test_fixed_noisy_connections_survive_the_file_of_a_finished_cohort(tmp_path)
     assert lives.after["noise.fixed"].shape == (2, 9)
 
 
-# Files of others; tests/hostile changes every byte
+# Files of others
 
 
 def test_a_file_of_others_is_refused(tmp_path, young, lives):

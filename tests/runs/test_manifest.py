@@ -70,7 +70,7 @@ def test_a_manifest_names_its_plan_and_every_machine_that_continued_the_run(tmp_
     assert content_of(tmp_path)["made_with"] == [here | {"cores": 1000}]
 
 
-# Damage; tests/hostile changes every value
+# Damage
 
 
 def test_a_manifest_with_an_invalid_value_is_refused(sound):

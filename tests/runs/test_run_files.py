@@ -159,7 +159,7 @@ def test_a_folder_without_results_has_no_robots_yet(folder, tmp_path):
             read_run(path)
 
 
-# Damage; tests/hostile changes every byte, and puts other files in the place
+# Damage; tests/hostile puts other files in the place
 
 
 def test_a_file_that_is_none_of_results_is_refused(folder):
