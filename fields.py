@@ -1,4 +1,4 @@
-"""Fields of dataclasses that declare which values they allow, in which unit, and why.
+"""Fields of dataclasses that declare which values they allow, and in which unit.
 
 Example:
   A class with two fields, and a value that is refused:
@@ -6,11 +6,11 @@ Example:
     @dataclasses.dataclass(frozen=True)
     class Settings(Checked):
         speed: float = number(0.2, 0, 10, "(]", unit="m/s")
-        steps: int = whole(1, 1, 1000, reason="more take hours")
+        steps: int = whole(1, 1, 1000)
 
     Settings(speed=0)  # speed must be a number in (0, 10] m/s, got 0
 
-The allowed values of a field are a container (`value in allowed`); its `str` describes them.
+A field's metadata has the rule `allows(value)`, and the `words` that describe the allowed values.
 """
 
 from __future__ import annotations
@@ -19,131 +19,61 @@ import dataclasses
 import re
 import reprlib
 import sys
-from collections.abc import Container
+from collections.abc import Callable
 from typing import Any, get_args
 
 
-@dataclasses.dataclass(frozen=True)
-class Flag:
-    """The values True and False."""
-
-    def __contains__(self, value: Any) -> bool:
-        return type(value) is bool
-
-    def __str__(self) -> str:
-        return "true or false"
-
-
-@dataclasses.dataclass(frozen=True)
-class Choice:
-    """The strings in `options`."""
-
-    options: tuple[str, ...]
-
-    def __contains__(self, value: Any) -> bool:
-        return type(value) is str and value in self.options
-
-    def __str__(self) -> str:
-        return " or ".join(map(repr, self.options))
-
-
-@dataclasses.dataclass(frozen=True)
-class Text:
-    """Strings that match the regular expression `pattern` as a whole; `words` describes them."""
-
-    pattern: str
-    words: str
-
-    def __contains__(self, value: Any) -> bool:
-        return type(value) is str and re.fullmatch(self.pattern, value) is not None
-
-    def __str__(self) -> str:
-        return self.words
-
-
-@dataclasses.dataclass(frozen=True)
-class Whole:
-    """Whole numbers from `low` to `high`."""
-
-    low: int
-    high: int
-
-    def __contains__(self, value: Any) -> bool:
-        return type(value) is int and self.low <= value <= self.high
-
-    def __str__(self) -> str:
-        return f"a whole number from {self.low} to {self.high}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Number:
-    """Numbers from `low` to `high`; "(" or ")" in `ends` excludes an end."""
-
-    low: float
-    high: float
-    ends: str = "[]"
-
-    def __contains__(self, value: Any) -> bool:
-        if type(value) not in (int, float) or not self.low <= value <= self.high:
-            return False
-        below = value == self.low and self.ends[0] == "("
-        above = value == self.high and self.ends[1] == ")"
-        return not (below or above)
-
-    def __str__(self) -> str:
-        return f"a number in {self.ends[0]}{self.low:g}, {self.high:g}{self.ends[1]}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Several:
-    """Tuples of 1 to `most` values, each of them in the container `each`."""
-
-    each: Container[Any]
-    most: int
-
-    def __contains__(self, value: Any) -> bool:
-        if type(value) is not tuple or not 1 <= len(value) <= self.most:
-            return False
-        return all(one in self.each for one in value)
-
-    def __str__(self) -> str:
-        return f"1 to {self.most} values, each {self.each}"
-
-
-def field(default: Any, allowed: Container[Any], unit: str = "", reason: str = "") -> Any:
-    """Returns a dataclass field that allows the values in `allowed`; see `whole` and `number`.
+def field(default: Any, allows: Callable[[Any], bool], words: str, unit: str = "") -> Any:
+    """Returns a dataclass field with a rule for its values.
 
     Args:
       default: Default value; if it is None, the field also accepts None.
-      allowed: Container of the allowed values, such as `Number(0, 1)`; its `str` describes them.
+      allows: Returns whether a value is allowed.
+      words: Description of the allowed values, such as "a number in [0, 1]".
       unit: Unit of the value, such as "m/s"; "" for none.
-      reason: Reason for the range, kept in the field's metadata; "" if it is obvious.
     """
-    notes = {"allowed": allowed, "optional": default is None, "unit": unit, "reason": reason}
+    optional = default is None
+    words = " ".join(filter(None, [words, unit, "or none" if optional else ""]))
+    notes = {"allows": allows, "optional": optional, "words": words}
     return dataclasses.field(default=default, metadata=notes)
 
 
-def flag(default: bool | None, **notes: str) -> Any:
-    """Returns a dataclass field that is true or false; `notes`: unit and reason, see `field`."""
-    return field(default, Flag(), **notes)
+def flag(default: bool) -> Any:
+    """Returns a dataclass field that is true or false."""
+    return field(default, lambda value: type(value) is bool, "true or false")
 
 
-def choice(default: str | None, literal: Any, **notes: str) -> Any:
+def choice(default: str | None, literal: Any) -> Any:
     """Returns a dataclass field that is one of the strings of a `Literal`."""
-    return field(default, Choice(get_args(literal)), **notes)
+    options = get_args(literal)
+
+    def allows(value: Any) -> bool:
+        return type(value) is str and value in options
+
+    return field(default, allows, " or ".join(map(repr, options)))
 
 
-def text(default: str | None, pattern: str, words: str, **notes: str) -> Any:
+def text(default: str | None, pattern: str, words: str) -> Any:
     """Returns a dataclass field of strings that match a pattern, which `words` describe."""
-    return field(default, Text(pattern, words), **notes)
+
+    def allows(value: Any) -> bool:
+        return type(value) is str and re.fullmatch(pattern, value) is not None
+
+    return field(default, allows, words)
 
 
-def whole(default: int | None, low: int, high: int, **notes: str) -> Any:
+def whole(default: int | None, low: int, high: int, unit: str = "") -> Any:
     """Returns a dataclass field of a whole number from `low` to `high`."""
-    return field(default, Whole(low, high), **notes)
+
+    def allows(value: Any) -> bool:
+        return type(value) is int and low <= value <= high
+
+    return field(default, allows, f"a whole number from {low} to {high}", unit)
 
 
-def number(default: float | None, low: float, high: float, ends: str = "[]", **notes: str) -> Any:
+def number(
+    default: float | None, low: float, high: float, ends: str = "[]", unit: str = ""
+) -> Any:
     """Returns a dataclass field of a number from `low` to `high`.
 
     Args:
@@ -151,16 +81,30 @@ def number(default: float | None, low: float, high: float, ends: str = "[]", **n
       low: Lower end of the range, itself allowed unless `ends` excludes it.
       high: Upper end of the range, itself allowed unless `ends` excludes it.
       ends: Brackets of the range, such as "(]"; a round bracket excludes its end.
-      **notes: `unit` and `reason`, as for `field`.
+      unit: Unit of the value, such as "m/s"; "" for none.
     """
-    return field(default, Number(low, high, ends), **notes)
+    return field(default, *_in_range(low, high, ends), unit)
 
 
-def numbers(
-    default: tuple[float, ...] | None, low: float, high: float, most: int, **notes: str
-) -> Any:
+def numbers(default: tuple[float, ...] | None, low: float, high: float, most: int) -> Any:
     """Returns a dataclass field of a tuple of 1 to `most` numbers from `low` to `high`."""
-    return field(default, Several(Number(low, high), most), **notes)
+    each, words = _in_range(low, high, "[]")
+
+    def allows(value: Any) -> bool:
+        return type(value) is tuple and 1 <= len(value) <= most and all(map(each, value))
+
+    return field(default, allows, f"1 to {most} values, each {words}")
+
+
+def _in_range(low: float, high: float, ends: str) -> tuple[Callable[[Any], bool], str]:
+    """Returns the rule for a number in a range, and its words."""
+
+    def allows(value: Any) -> bool:
+        if type(value) not in (int, float) or not low <= value <= high:
+            return False
+        return not (value == low and ends[0] == "(" or value == high and ends[1] == ")")
+
+    return allows, f"a number in {ends[0]}{low:g}, {high:g}{ends[1]}"
 
 
 class Checked:
@@ -179,23 +123,11 @@ def check(instance: Any) -> None:
         "epsilon must be a number in [0, 1], got 2".
     """
     for one in dataclasses.fields(instance):
-        if "allowed" in one.metadata:
-            value = checked(one, getattr(instance, one.name))
+        if "allows" in (notes := one.metadata):
+            value = _plain(getattr(instance, one.name))
+            if not (notes["allows"](value) or value is None and notes["optional"]):
+                raise ValueError(f"{one.name} must be {notes['words']}, got {shown(value)}")
             object.__setattr__(instance, one.name, value)
-
-
-def checked(one: dataclasses.Field[Any], value: Any) -> Any:
-    """Returns a declared field's value if it is allowed; NumPy scalars become Python numbers.
-
-    Raises:
-      ValueError: The value is not allowed.
-    """
-    value = _plain(value)
-    if value is None and one.metadata["optional"]:
-        return None
-    if value not in one.metadata["allowed"]:
-        raise ValueError(f"{one.name} must be {described(one)}, got {shown(value)}")
-    return value
 
 
 def _plain(value: Any) -> Any:
@@ -203,13 +135,6 @@ def _plain(value: Any) -> Any:
         return tuple(map(_plain, value))
     numpy = sys.modules.get("numpy")  # a NumPy scalar exists only if NumPy is loaded
     return value.item() if numpy is not None and isinstance(value, numpy.generic) else value
-
-
-def described(one: dataclasses.Field[Any]) -> str:
-    """Describes the values that a field allows, such as "a number in (0, 10] m/s or none"."""
-    notes = one.metadata
-    words = [str(notes["allowed"]), notes["unit"], "or none" if notes["optional"] else ""]
-    return " ".join(filter(None, words))
 
 
 class _Short(reprlib.Repr):

@@ -54,14 +54,12 @@ class Kinematics(Checked):
     """
 
     radius: float | None = number(None, 0, np.inf, "()", unit="m")
-    wheel_base: float | None = number(
-        None, 0.001, 10, unit="m", reason="on a wider one a robot hardly turns"
-    )
+    wheel_base: float | None = number(None, 0.001, 10, unit="m")  # a wider robot hardly turns
     wall: Wall = choice("holds", Wall)
     felt: Felt = choice("near", Felt)
     any_contact: bool = flag(False)
-    lag: float = number(0.0, 0, 1000, unit="s", reason="with a longer one a robot hardly moves")
-    pieces: int = whole(4, 1, 1000, reason="far more than change a path")
+    lag: float = number(0.0, 0, 1000, unit="s")  # with a longer one, a robot hardly moves
+    pieces: int = whole(4, 1, 1000)  # far more than change a path
     path: Path = choice("arc", Path)
 
     def applied_to(self, dimensions: Dimensions) -> Dimensions:

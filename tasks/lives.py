@@ -61,9 +61,7 @@ class Phase(Checked):
     learning: bool = flag(True)
     robot: tuple[float, float, float] | Literal["random"] | None = None
     spot: tuple[float, float] | Literal["random"] | None = None
-    every_minutes: float | None = number(
-        None, _STEP, _LONGEST, unit="minutes", reason="rounded to control steps"
-    )
+    every_minutes: float | None = number(None, _STEP, _LONGEST, unit="minutes")
     world: World = World()
 
     def __post_init__(self) -> None:

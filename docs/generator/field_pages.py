@@ -8,7 +8,6 @@ from typing import Any
 from tables import attributes, table
 
 from musebot.controller import BRAINS, Parameters
-from musebot.fields import described
 from musebot.models.kinematic import Kinematics
 from musebot.protocols.runs.experiment import Experiment
 from musebot.tasks.gymnasium_env.common import INFO, LIFE_INFO
@@ -35,7 +34,7 @@ def _parameters() -> str:
     for field in dataclasses.fields(Parameters):
         paper, ours = _shown(field.default), _shown(getattr(steady, field.name))
         ours = ours if ours == paper else f"**{ours}**"
-        rows.append((f"`{field.name}`", paper, ours, described(field), says[field.name]))
+        rows.append((f"`{field.name}`", paper, ours, field.metadata["words"], says[field.name]))
     return f"""# Parameters of a brain
 
 All fields of `musebot.controller.Parameters`. `musebot run OUT --set brain.NAME=VALUE ..` changes

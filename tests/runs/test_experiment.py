@@ -17,33 +17,6 @@ from musebot.tasks.lives import LIVES, WALL_AVOIDANCE
 
 # Parameters
 
-DECLARED = [field for field in dataclasses.fields(Experiment) if "allowed" in field.metadata]
-# What makes each value of a field possible that another field excludes.
-WITH = {"device": {"body": "kinematic"}}
-ANYTHING = st.one_of(
-    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=5),
-    st.lists(st.integers(), max_size=2), st.sampled_from([0, 1, 1.0, 0.5, 2**128, "raw", "cuda:1"]),
-)  # fmt: skip
-
-
-@settings(deadline=None, max_examples=400)
-@given(data=st.data())
-def test_a_field_accepts_exactly_the_values_that_it_declares(data):
-    field = data.draw(st.sampled_from(DECLARED))
-    allowed = field.metadata["allowed"]
-    options = getattr(allowed, "options", ())
-    value = data.draw(st.one_of(ANYTHING, st.sampled_from(options)) if options else ANYTHING)
-    may = value in allowed or (value is None and field.metadata["optional"])
-    try:
-        experiment = Experiment(**{field.name: value}, **WITH.get(field.name, {}))
-    except InputError as error:
-        assert "\n" not in str(error)
-        # A sound value may be excluded by the default of another field.
-        assert not may or field.name in ("physics", "motor_torque", "signals", "nose")
-    else:
-        assert may and getattr(experiment, field.name) == value
-
-
 def test_fields_that_exclude_each_other_are_refused_in_a_sentence():
     kinematic = {"body": "kinematic"}
     for fields, sentence in (
