@@ -78,7 +78,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
     Args:
       out: Folder of the run: a new folder, or the folder of a run to continue.
       quiet: Whether to hide the progress display.
-      **options: Options of `musebot run`, with underscores, such as `task`, `robots` and `brain`;
+      **options: Options of `musebot run`, with underscores, such as `life`, `robots` and `brain`;
         see `protocols.cli.run.run`.
 
     Returns:

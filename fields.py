@@ -71,9 +71,7 @@ def whole(default: int | None, low: int, high: int, unit: str = "") -> Any:
     return field(default, allows, f"a whole number from {low} to {high}", unit)
 
 
-def number(
-    default: float | None, low: float, high: float, ends: str = "[]", unit: str = ""
-) -> Any:
+def number(default: float | None, low: float, high: float, ends: str = "[]", unit: str = "") -> Any:
     """Returns a dataclass field of a number from `low` to `high`.
 
     Args:

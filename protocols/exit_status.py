@@ -1,7 +1,4 @@
-"""The exit status of a command, and the one sentence that explains a failure.
-
-Importing this module loads nothing else of musebot.
-"""
+"""The exit status of a command, and the one sentence that explains a failure."""
 
 from __future__ import annotations
 
@@ -12,6 +9,7 @@ import sys
 from collections.abc import Callable
 
 from .errors import InputError, Interrupted, RunError, missing_extra
+from .terminal import notice
 
 # Error numbers of the system that mean a wrong path, and so bad input.
 _BAD_PATH = {errno.EISDIR, errno.ENOTDIR, errno.ELOOP, errno.ENAMETOOLONG, errno.EILSEQ}
@@ -56,7 +54,5 @@ def exit_status(work: Callable[[], None]) -> int:
 
 def complain(sentence: str, status: int) -> int:
     """Prints a sentence about a failure on stderr; returns `status`."""
-    from .terminal import notice
-
     notice(sentence)
     return status

@@ -45,14 +45,22 @@ _LONGEST = 40  # characters of a file's name in that of its temporary file; long
 # ---- Checks before the work ----
 
 
-def check_place(path: Path) -> None:
-    """Raises InputError if a file cannot be written; called before its content is computed."""
+def checked_file(path: Path) -> Path:
+    """Returns a file's absolute path with links in its folder resolved.
+
+    Called before the file's content is computed.
+
+    Raises:
+      InputError: the file cannot be written, or is a link.
+    """
+    path = resolved(path.parent) / path.name
     if path.is_symlink() or (path.exists() and not path.is_file()):
         kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
         raise InputError(f"{path} is {kind}; name a file")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         missing = "cannot be written" if path.parent.is_dir() else "is no folder"
         raise InputError(f"{path.parent} {missing}")
+    return path
 
 
 def resolved(path: Path) -> Path:
@@ -61,11 +69,6 @@ def resolved(path: Path) -> Path:
         return path.resolve()
     except RuntimeError as error:  # an OSError since Python 3.13
         raise InputError(f"the links of {path} lead in a circle") from error
-
-
-def resolved_file(path: Path) -> Path:
-    """Returns a file's absolute path with links in its folder resolved; the file may be a link."""
-    return resolved(path.parent) / path.name
 
 
 def check_folder(path: Path) -> None:
@@ -245,8 +248,6 @@ def load_arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
             raise ValueError("its content does not match its digest")
         if not isinstance(notes := parsed(path, metadata["notes"]), dict):
             raise ValueError("its notes are no object of JSON")
-    except DamagedFileError:
-        raise
     except (*_NO_ARRAYS, *_NOT_GZIP) as error:
         raise DamagedFileError(f"{path} is damaged ({error})") from error
     return arrays, notes

@@ -32,12 +32,9 @@ def printable(text: str, *, lines: bool = False) -> str:
 
 
 def say(text: str, stream: TextIO | None = None, *, lines: bool = False) -> None:
-    """Prints a text, by default on stdout; escapes control characters and unencodable ones."""
-    if (stream := stream or sys.stdout) is None:  # closed
-        return
-    encoding = getattr(stream, "encoding", None) or "utf-8"
-    text = printable(text, lines=lines)
-    print(text.encode(encoding, "backslashreplace").decode(encoding), file=stream)
+    """Prints a text, by default on stdout, with control characters escaped."""
+    if (stream := stream or sys.stdout) is not None:  # not closed
+        print(printable(text, lines=lines), file=stream)
 
 
 def notice(sentence: str) -> None:

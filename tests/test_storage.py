@@ -17,7 +17,7 @@ from musebot.protocols.storage import (
     DTYPES,
     check_folder,
     check_own_folder,
-    check_place,
+    checked_file,
     digest,
     draft_name,
     is_draft,
@@ -26,7 +26,6 @@ from musebot.protocols.storage import (
     read_json,
     remove_drafts,
     remove_files,
-    resolved_file,
     save_arrays,
     write_atomically,
     write_json,
@@ -266,10 +265,9 @@ def test_drafts_and_files_of_ours_are_removed_and_nothing_else(tmp_path, victim)
 def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
     (tmp_path / "loop").symlink_to("loop")
     with pytest.raises((InputError, OSError)):
-        resolved_file(tmp_path / "loop" / "file")
+        checked_file(tmp_path / "loop" / "file")
     (tmp_path / "link").symlink_to(tmp_path)
-    file = resolved_file(tmp_path / "link" / "file")  # the user may name a folder that is a link
-    check_place(file)
+    file = checked_file(tmp_path / "link" / "file")  # the user may name a folder that is a link
     assert file == tmp_path / "file"
     os.mkfifo(tmp_path / "pipe")
     for path, words in (
@@ -279,10 +277,10 @@ def test_a_place_for_a_file_is_checked_before_the_work(tmp_path, monkeypatch):
         (tmp_path / "pipe", "is no regular file"),
     ):
         with pytest.raises(InputError, match=words):
-            check_place(path)
+            checked_file(path)
     monkeypatch.setattr(os, "access", lambda path, mode: False)
     with pytest.raises(InputError, match="cannot be written"):
-        check_place(file)
+        checked_file(file)
 
 
 def test_a_folder_can_be_made_or_is_refused(tmp_path, monkeypatch):

@@ -44,13 +44,11 @@ class Bench:
         from ..machine import cores
         from ..runs.local import prepare_process
         from ..runs.manifest import made_with
-        from ..storage import check_place, resolved_file, write_atomically
+        from ..storage import checked_file, write_atomically
         from ..terminal import notice
         from . import speed
 
-        file = self.json and resolved_file(self.json)
-        if file is not None:
-            check_place(file)
+        file = self.json and checked_file(self.json)
         effort = speed.QUICK if self.quick else speed.FULL
         if self.device is not None:
             speed.check_populations(self.device)

@@ -27,7 +27,6 @@ from ..errors import RunError
 from ..progress import tracked
 from ..runs.cohort import Cohort
 from ..runs.conditions import CohortKey, Condition
-from ..runs.device import HOST
 from ..runs.experiment import BODIES, Experiment
 from ..runs.plan import Plan
 from ..runs.simulation import check_device
@@ -66,7 +65,7 @@ def paired(
     repetitions: int,
     work: Callable[[], object],
     other: Callable[[], object],
-    device: str = HOST,
+    device: str = "cpu",
 ) -> dict[str, float]:
     """Times `work` and `other`, of `robot_steps` each: once to warm up, then in repetitions.
 
@@ -78,7 +77,7 @@ def paired(
     """
 
     def now() -> float:
-        if device == HOST:
+        if device == "cpu":
             return time.thread_time()
         torch.cuda.synchronize(device)
         return time.perf_counter()
@@ -242,7 +241,7 @@ def check_populations(device: str) -> None:
 
 def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
     """Yields a row for each simulator and number of robots; no rates if memory is too small."""
-    sizes = effort.cohorts if device == HOST else effort.populations
+    sizes = effort.cohorts if device == "cpu" else effort.populations
     kinds = [*itertools.product(SIMULATORS.items(), sizes)]
     for (simulator, fields), robots in tracked(kinds, "populations"):
         row: dict[str, Any] = {"simulator": simulator, "robots": robots}
@@ -254,6 +253,6 @@ def populations(effort: Effort, device: str) -> Iterator[dict[str, Any]]:
         except RuntimeError as error:
             if not _OUT_OF_MEMORY.search(str(error)):
                 raise
-        if device != HOST:
+        if device != "cpu":
             torch.cuda.empty_cache()  # Warp has memory of its own
         yield row

@@ -35,7 +35,8 @@ class Tables:
             same = folders[0].name == folders[1].name
             ours, other = (
                 dataclasses.replace(
-                    read_run(folder, str(folder) if same else "", networks=False),
+                    read_run(folder, networks=False),
+                    name=str(folder) if same else folder.name,
                     exact_classes=self.exact_classes,
                 )
                 for folder in folders

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from ..agents.factory import trust
-from ..runs.checkpoints import restored_cohort
 from ..runs.conditions import CohortKey, Condition
 from ..runs.experiment import Experiment
-from ..runs.jobs import Report, Stop, live
+from ..runs.jobs import Report, Stop, lived
 from ..runs.manifest import check_identity
 from ..storage import load_arrays, remove_files, save_arrays
 
@@ -65,9 +64,6 @@ class ArrayJob:
     cost: float
     identity: Mapping[str, Any]
 
-    def __str__(self) -> str:
-        return f"{self.path.parent.name}/{self.path.stem}"
-
     def done(self) -> bool:
         return self.path.exists()
 
@@ -102,11 +98,9 @@ def simulate_cohort(experiment: Experiment, condition: Condition, progress: Prog
       whether each robot stayed stable, "valid" of shape (B,).
     """
     trust(condition.proposer)
-    file = progress.checkpoint
-    cohort, message = restored_cohort(file, experiment, CohortKey(condition, 0))
-    progress.report(experiment.robot_seconds(cohort.step), message)
-    name = f"{file.parent.name}/{file.stem}"
-    if not live(cohort, file, name, SAVE_EVERY, progress.stop, progress.report):
+    key, stop, report = CohortKey(condition, 0), progress.stop, progress.report
+    cohort = lived(progress.checkpoint, experiment, key, SAVE_EVERY, stop, report)
+    if cohort is None:
         raise StoppedError
     found = cohort.lives()
     return {"events": found.events.astype(np.int32), "valid": found.valid}

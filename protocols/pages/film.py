@@ -19,7 +19,7 @@ from ...tasks import CONTROL_TIMESTEP
 from ..errors import InputError
 from ..progress import tracked
 from ..runs.local import END_SIGNALS, handling
-from ..storage import check_place, remove_drafts, resolved_file, write_atomically
+from ..storage import checked_file, remove_drafts, write_atomically
 from ..terminal import notice
 from .panel import Panel
 from .replay import Episode, Moment, Relived
@@ -60,10 +60,9 @@ def film(
     for name, value, most in ("length in seconds", seconds, 3600), ("speed", speed, 1e9):
         if not _LEAST <= value <= most:
             raise InputError(f"the film's {name} must lie in [{_LEAST:g}, {most:g}], got {value:g}")
-    output = resolved_file(output)
+    output = checked_file(output)
     if output.suffix.lower() not in _FPS:
         raise InputError(f"the film must be an .mp4 or a .gif file, got {output}")
-    check_place(output)
     fps, episodes = _FPS[output.suffix.lower()], [*episodes]
     longest = min(episode.seconds for episode in episodes)
     count = max(1, round(min(seconds, longest / speed) * fps))

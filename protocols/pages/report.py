@@ -19,11 +19,10 @@ from ..runs.conditions import Condition
 from ..runs.run import Run
 from ..storage import (
     check_own_folder,
-    check_place,
+    checked_file,
     locked,
     remove_drafts,
     resolved,
-    resolved_file,
     write_text,
 )
 from ..terminal import printable
@@ -49,10 +48,9 @@ def report(run: Run, out: Path, output: Path | None) -> Path:
       OSError: a file could not be written.
     """
     output = output or out / PAGE
-    out, page_file = resolved(out), resolved_file(output)  # links below them are not followed
+    out, page_file = resolved(out), checked_file(output)  # links below them are not followed
     if page_file.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"the report must be an .html file, got {page_file}")
-    check_place(page_file)
     for folder in (out / "figures", out / "films"):
         check_own_folder(folder)
     with locked(out / "figures"):

@@ -273,14 +273,9 @@ class Cohort:
             group, _, rest = name.partition(".")
             if rest:
                 groups[group][rest] = array
-        step = notes["step"]
-        if type(step) is not int or not 0 <= step <= self.steps:
-            raise ValueError(f"step must be a whole number in [0, {self.steps}], got {step!r:.60}")
-        generator = self._random.bit_generator
-        generator.state = notes["random"]
-        if generator.state != notes["random"]:
-            raise ValueError("its random stream is damaged")
+        self._random.bit_generator.state = notes["random"]
         self.batch.set_state(groups["batch"])
+        self._stopped[:] = ~self.valid  # reported before the checkpoint
         try:
             self.agent.load_state(groups["brain"])
         except MemoryError:
@@ -291,6 +286,6 @@ class Cohort:
             weights[:] = groups["before"][name]
         self._events[:] = arrays["events"]
         self._minutes[:] = arrays["minutes"]
-        self.step = step
+        self.step = notes["step"]
         if not self.finished:
             self.batch.enter(self.leg.phase.world)

@@ -37,7 +37,17 @@ class Condition:
             raise InputError(
                 f"a life has a name such as {', '.join(LIVES)}, got {shown(self.task)}"
             )
-        check_proposer(self.proposer)
+        name = self.proposer
+        if name not in PROPOSERS and not _FACTORY.fullmatch(name):
+            question = f"--agent {name} takes it" if name in OWN else similar(name, PROPOSERS)
+            raise InputError(
+                f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
+                f"package.module:factory, got {name!r}{question and f'; {question}'}"
+            )
+        if len(name.encode()) > _LONGEST:
+            raise InputError(
+                f"an agent's name must have at most {_LONGEST} bytes, got {shown(name)}"
+            )
 
     def __str__(self) -> str:
         """Returns "task/proposer", the name of the condition in files and random streams."""
@@ -69,15 +79,3 @@ class CohortKey:
         """Returns the name of the cohort's files."""
         condition = self.condition
         return f"{condition.task}-{condition.proposer.replace(':', '.')}-{self.index:04d}"
-
-
-def check_proposer(name: str) -> None:
-    """Raises InputError unless `name` is a proposer or has the form "package.module:factory"."""
-    if name not in PROPOSERS and not _FACTORY.fullmatch(name):
-        question = f"--agent {name} takes it" if name in OWN else similar(name, PROPOSERS)
-        raise InputError(
-            f"the proposer must be one of {', '.join(PROPOSERS)}, or an agent's factory as "
-            f"package.module:factory, got {name!r}{question and f'; {question}'}"
-        )
-    if len(name.encode()) > _LONGEST:
-        raise InputError(f"an agent's name must have at most {_LONGEST} bytes, got {shown(name)}")

@@ -19,8 +19,6 @@ from ..agents.base import Agent
 from ..agents.neurocontroller import NeurocontrollerAgent
 from .experiment import Experiment
 
-HOST = "cpu"
-
 
 def device_of(experiment: Experiment) -> contextlib.AbstractContextManager[Any]:
     """Returns a context in which new tensors are on the experiment's device."""

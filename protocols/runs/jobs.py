@@ -24,13 +24,11 @@ from .checkpoints import (
 )
 from .cohort import Cohort
 from .conditions import CohortKey
-from .device import HOST
 from .experiment import Experiment
 
 Stop = Callable[[], bool]
 Report = Callable[[float, str], None]
 
-DIED = "a process died, perhaps for want of memory"
 _CHUNK = 50  # control steps between two checks of the clock
 _REPORT_EVERY = 0.5  # seconds
 
@@ -103,7 +101,9 @@ def run_job(job: Job, stop: Stop, report: Report) -> bool:
 
 def stopped_by(error: Exception) -> RunError:
     """Returns an error that says in one sentence what stopped a simulation."""
-    what = f"a file could not be read or written ({error})" if isinstance(error, OSError) else DIED
+    what = "a process died, perhaps for want of memory"
+    if isinstance(error, OSError):
+        what = f"a file could not be read or written ({error})"
     return RunError(f"{what}; the same command continues from the last checkpoints")
 
 
@@ -123,9 +123,6 @@ class CohortJob:
     key: CohortKey
     save_every: float
 
-    def __str__(self) -> str:
-        return f"{self.directory.name}/{self.key}"
-
     @property
     def path(self) -> Path:
         return finished_file(self.directory, self.key)
@@ -141,9 +138,8 @@ class CohortJob:
     def run(self, stop: Stop, report: Report) -> bool:
         trust(self.key.condition.proposer)  # checked by `UnfinishedRun.read`
         checkpoint = checkpoint_file(self.directory, self.key)
-        cohort, message = restored_cohort(checkpoint, self.experiment, self.key)
-        report(self.experiment.robot_seconds(cohort.step), message)
-        if not live(cohort, checkpoint, str(self), self.save_every, stop, report):
+        cohort = lived(checkpoint, self.experiment, self.key, self.save_every, stop, report)
+        if cohort is None:
             return False
         save_lives(self.path, cohort.lives(), self.experiment, self.key)
         remove_files(self.path.parent, checkpoint.name.__eq__)
@@ -151,15 +147,20 @@ class CohortJob:
         return True
 
 
-def live(
-    cohort: Cohort, checkpoint: Path, name: str, save_every: float, stop: Stop, report: Report
-) -> bool:
-    """Simulates a cohort to the end of its life; returns False if it must stop before.
+def lived(
+    checkpoint: Path,
+    experiment: Experiment,
+    key: CohortKey,
+    save_every: float,
+    stop: Stop,
+    report: Report,
+) -> Cohort | None:
+    """Simulates a cohort, from its checkpoint if there is one; returns None if it must stop.
 
     Args:
-      cohort: Cohort, new or restored from its checkpoint.
       checkpoint: File of the checkpoint, which is also written before a stop.
-      name: Name of the job, for messages and errors.
+      experiment: Seed, cohort size, body, brain and other fields that decide the lives.
+      key: Condition and number of the cohort.
       save_every: Wall-clock seconds between two checkpoints.
       stop: See `Job.run`.
       report: See `Job.run`.
@@ -167,14 +168,16 @@ def live(
     Raises:
       InputError, RunError: an agent failed, or MuJoCo Warp has no room for a robot's contacts.
     """
-    experiment = cohort.experiment
+    cohort, message = restored_cohort(checkpoint, experiment, key)
+    report(experiment.robot_seconds(cohort.step), message)
+    name = f"{checkpoint.parent.parent.name}/{checkpoint.stem}"  # for messages and errors
     reported = saved = time.monotonic()
     # Steps between two checks of the clock; on a GPU a simulated minute.
-    chunk = _CHUNK if experiment.device == HOST else control_steps(1)
+    chunk = _CHUNK if experiment.device == "cpu" else control_steps(1)
     while not cohort.finished:
         if stop():
             save_checkpoint(checkpoint, cohort)
-            return False
+            return None
         try:
             cohort.advance(chunk)
         except (InputError, RunError) as error:  # of an agent
@@ -190,7 +193,7 @@ def live(
         if now - saved > save_every:
             save_checkpoint(checkpoint, cohort)
             saved = now
-    return True
+    return cohort
 
 
 def execute(

@@ -64,13 +64,9 @@ class Plan:
 
     def cohorts(self) -> list[CohortKey]:
         """Returns all cohorts, longest lives first, so that processes end at similar times."""
-        keys = [
-            CohortKey(condition, index)
-            for condition, robots in self.robots.items()
-            for index in range(robots // self.experiment.cohort_size)
-        ]
-        life_of = self.experiment.life_of
-        return sorted(keys, key=lambda key: -sum(life_of(key.condition.task).steps()))
+        life_of, size = self.experiment.life_of, self.experiment.cohort_size
+        longest = sorted(self.robots, key=lambda condition: -sum(life_of(condition.task).steps()))
+        return [CohortKey(c, index) for c in longest for index in range(self.robots[c] // size)]
 
     def merged_with(self, older: Plan) -> Plan:
         """Returns a plan with the robots of both plans, and the experiment of the older one."""

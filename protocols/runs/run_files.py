@@ -121,14 +121,11 @@ def check_kept_networks(directory: Path, measured: Measured) -> None:
 # ---- Runs ----
 
 
-def read_run(
-    directory: Path, name: str = "", *, replay: bool = False, networks: bool = True
-) -> Run:
+def read_run(directory: Path, *, replay: bool = False, networks: bool = True) -> Run:
     """Reads the finished robots of a run.
 
     Args:
       directory: Folder of the run.
-      name: Name of the run; empty for the folder's name.
       replay: Whether the run's brains will drive robots again; a notice then warns if this
         version has another physics than the run.
       networks: Whether to read the networks, too; must be False for a run kept without networks.
@@ -160,4 +157,4 @@ def read_run(
     if replay and experiment.physics != "c":
         notice(f"{directory} was simulated in MuJoCo Warp; its brains now run in C MuJoCo")
         experiment = dataclasses.replace(experiment, physics="c", device="cpu")
-    return Run(name or resolved(directory).name, experiment, results)
+    return Run(resolved(directory).name, experiment, results)

@@ -29,9 +29,8 @@ from .checkpoints import (
 )
 from .cohort import Cohort, make_agent
 from .conditions import CohortKey, Condition
-from .device import HOST
 from .jobs import CohortJob, Executor, Job, execute
-from .manifest import MANIFEST, check_identity, check_physics, read_manifest, write_manifest
+from .manifest import MANIFEST, check_identity, read_manifest, same_physics, write_manifest
 from .plan import Plan, check_agent_memory, check_memory, job_bytes
 from .run import Lives, Measured, Run, joined, results_of
 from .run_files import (
@@ -112,7 +111,7 @@ def check_device(plan: Plan) -> None:
     if others := [condition.proposer for condition in plan.robots if not condition.has_brain]:
         where = "in MuJoCo Warp" if warp else f"on {device}"
         raise InputError(f"only robots with a brain are simulated {where}, not {others[0]}")
-    if device == HOST:
+    if device == "cpu":
         return
     count = torch.cuda.device_count() if torch.cuda.is_available() else 0
     number = int(device.partition(":")[2] or 0)
@@ -224,7 +223,11 @@ class UnfinishedRun:
         keys = [key for key in plan.cohorts() if key.condition in wanted]
         left = [key for key in keys if not _holds(measured, key, plan)]
         if left and (directory / MANIFEST).exists():
-            check_physics(directory)
+            if not same_physics(directory):
+                raise InputError(
+                    f"{directory} was simulated in another physics than this version's, or by "
+                    "another version of Numba or Warp: its robots and new ones must not be mixed"
+                )
             check_kept_networks(directory, measured)
         for key in left:
             check_trusted(key.condition.proposer, directory)

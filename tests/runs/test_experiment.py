@@ -3,7 +3,7 @@
 import dataclasses
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from strategies import CONDITIONS, experiments, quick
 
@@ -16,6 +16,7 @@ from musebot.protocols.runs.experiment import Experiment, differing
 from musebot.tasks.lives import LIVES, WALL_AVOIDANCE
 
 # Parameters
+
 
 def test_fields_that_exclude_each_other_are_refused_in_a_sentence():
     kinematic = {"body": "kinematic"}

@@ -1,6 +1,5 @@
 """The file `experiment.json`: written, read, refused where damaged; and whose a file is."""
 
-import contextlib
 import dataclasses
 import json
 import os
@@ -15,13 +14,12 @@ from strategies import CONDITIONS, plans, quick
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
-from musebot.protocols.errors import DamagedFileError, InputError
+from musebot.protocols.errors import DamagedFileError
 from musebot.protocols.runs import manifest
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.manifest import (
     MANIFEST,
     check_identity,
-    check_physics,
     made_with,
     read_manifest,
     same_physics,
@@ -82,10 +80,8 @@ def test_a_manifest_with_an_invalid_value_is_refused(sound):
             ("kinematics", [1]), ("motor_speed", 10**400),
         )),
         *({"plan": [rows[0] | {name: value}, *rows[1:]]} for name, value in (
-            ("robots", 75), ("robots", True), ("proposer", "divine"), ("task", "spot_finding"),
+            ("robots", 75), ("robots", True), ("proposer", "divine"), ("task", "Swim"),
         )),
-        {"made_with": "nothing"}, {"made_with": [1]}, {"more": 1},
-        {"physics": ["heavy"]}, {"physics": [float("nan")]},
         *({"format": number} for number in (0, 2, "1", [1])),
     ]  # fmt: skip
     for changes in wrong:
@@ -128,9 +124,6 @@ def test_a_run_of_another_physics_is_refused_and_one_within_a_millionth_is_not(s
         write_json(sound / MANIFEST, content_of(sound) | {"physics": changed})
         before = (sound / MANIFEST).read_bytes()
         assert same_physics(sound) == same
-        words = f"^{sound} was simulated in another physics than"
-        with contextlib.nullcontext() if same else pytest.raises(InputError, match=words):
-            check_physics(sound)
         assert (sound / MANIFEST).read_bytes() == before
 
 
@@ -142,13 +135,13 @@ def test_versions_processor_and_optional_packages_are_named(there, monkeypatch):
     version = manifest.metadata.version
 
     def known(name):
-        if name == "cmaes" and not there:
+        if name == "numba" and not there:
             raise manifest.metadata.PackageNotFoundError
-        return "9.8" if name == "cmaes" else version(name)
+        return "9.8" if name == "numba" else version(name)
 
     monkeypatch.setattr(manifest.metadata, "version", known)
     found = made_with()
-    assert found.get("cmaes") == ("9.8" if there else None)
+    assert found.get("numba") == ("9.8" if there else None)
     assert found["numpy"] == np.__version__ and found["cores"] == os.cpu_count()
     assert {"python", "musebot", "mujoco", "torch", "scipy", "cpu", "platform"} < {*found}
 
