@@ -1,14 +1,10 @@
-# `make run` and `make test` require only Python 3.11 or newer: the first one creates .venv.
+# `make run` and `make test` require only Python 3.11 or newer; each creates .venv if there is none.
 
 PYTHON ?= python3
 VENV   := .venv
 READY  := $(VENV)/.ready
-TYPES  := $(VENV)/.types
-RAY    := $(VENV)/.ray
-GYM    := $(VENV)/.gym
-WARP   := $(VENV)/.warp
+EXTRAS := $(VENV)/.cluster $(VENV)/.gym $(VENV)/.warp
 CHROMIUM := $(VENV)/.chromium
-DOCS   := $(VENV)/.docs
 DEMO   := runs/demo
 SUDO   := $(shell [ "$$(id -u)" = 0 ] || echo sudo)
 
@@ -31,28 +27,25 @@ run: $(READY)  ## film a trained policy, let 60 robots learn, write their page; 
 	$(VENV)/bin/musebot run $(DEMO)/robots --body kinematic --set backend=numba cohort_size=30 --life wall_avoidance --proposer creative --robots 60
 	$(VENV)/bin/musebot report $(DEMO)/robots
 
-test: $(READY) $(RAY) $(GYM) $(WARP) $(CHROMIUM)  ## run the tests
+test: $(READY) $(EXTRAS) $(CHROMIUM)  ## run the tests
 	@$(VENV)/bin/pytest -q -n 2 --dist worksteal tests
 
-lint: $(READY) $(RAY) $(GYM) $(WARP)  ## check style, format and types
+lint: $(READY) $(EXTRAS)  ## check style, format and types
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/pyright --pythonpath $(VENV)/bin/python
 
-gym: $(READY)  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints/gym.txt
+gym: $(VENV)/.gym  ## install Gymnasium, Stable-Baselines3 and TensorBoard in .venv
+cluster: $(VENV)/.cluster  ## install Ray in .venv
+warp: $(VENV)/.warp  ## install MuJoCo Warp in .venv
+gym cluster warp:
+	@test -e $<
 
-cluster: $(READY)  ## install Ray in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints/cluster.txt
-
-warp: $(READY)  ## install MuJoCo Warp in .venv
-	$(VENV)/bin/pip install --no-deps -r constraints/warp.txt
-
-docs: $(READY) $(TYPES) $(GYM) $(DOCS)  ## build the documentation in site/
+docs: $(READY) $(VENV)/.gym $(VENV)/.docs  ## build the documentation in site/
 	$(VENV)/bin/python docs/generator
 	rm -rf site
 	$(VENV)/bin/zensical build --strict --clean
-	rm -rf site/generator; find site -name '*.npz' -delete -o -name '*.safetensors*' -delete
+	rm -rf site/generator; find site -name '*.safetensors*' -delete
 	$(VENV)/bin/python docs/generator/check_site.py site
 
 pictures: $(READY)  ## make the films and pictures of the documents anew
@@ -72,6 +65,8 @@ clean:  ## remove .venv, builds and caches; keep runs/
 # Only images and films need EGL, so its absence is a warning. Torch is installed first, with the
 # dependencies of its build for this machine. The rest is exactly constraints/base.txt, which omits labmaze
 # where it cannot be built; a plain `pip install -e .` would require it for dm-control's mazes.
+# Type checkers do not run the code by which pip finds this folder. They follow a path that holds a
+# folder `musebot`, which here is a link to the root.
 $(READY): pyproject.toml constraints/base.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "Musebot requires Python 3.11 or newer: 'make PYTHON=/path/to/python3' selects one." >&2; \
@@ -87,12 +82,6 @@ $(READY): pyproject.toml constraints/base.txt
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/pip install -c constraints/base.txt torch
 	$(VENV)/bin/pip install --no-deps -r constraints/base.txt -e .
-	@$(MAKE) --no-print-directory $(TYPES)
-	@touch $@
-
-# Type checkers do not run the code by which pip finds this folder. They follow a path that holds a
-# folder `musebot`, which here is a link to the root.
-$(TYPES):
 	mkdir -p $(VENV)/src
 	ln -sfn "$(CURDIR)" $(VENV)/src/musebot
 	packages=$$($(VENV)/bin/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
@@ -107,25 +96,8 @@ $(CHROMIUM): $(READY)
 	  echo "Continuing without chromium or Xvfb: tests of pages or windows will be skipped." >&2
 	@touch $@
 
-# Only the cluster's tests need Ray (250 MB); they are skipped without it.
-$(RAY): $(READY) constraints/cluster.txt
-	$(VENV)/bin/pip install --no-deps -r constraints/cluster.txt || \
-	  echo "Continuing without Ray: the cluster's tests will be skipped." >&2
-	@touch $@
-
-# Only users of Gymnasium need it; its tests are skipped without it.
-$(GYM): $(READY) constraints/gym.txt
-	$(VENV)/bin/pip install --no-deps -r constraints/gym.txt || \
-	  echo "Continuing without Gymnasium: the tests of its interfaces will be skipped." >&2
-	@touch $@
-
-# Only `--set physics=warp` needs MuJoCo Warp (410 MB); its tests are skipped without it.
-$(WARP): $(READY) constraints/warp.txt
-	$(VENV)/bin/pip install --no-deps -r constraints/warp.txt || \
-	  echo "Continuing without MuJoCo Warp: its tests will be skipped." >&2
-	@touch $@
-
-# Only the site needs Zensical and mkdocstrings (110 MB).
-$(DOCS): $(READY) constraints/docs.txt
-	$(VENV)/bin/pip install --no-deps -r constraints/docs.txt
-	@touch $@
+# Ray (250 MB), Gymnasium, MuJoCo Warp (410 MB), and Zensical for the site (110 MB). What needs one
+# of them is skipped in the tests without it.
+$(VENV)/.%: $(READY) constraints/%.txt
+	$(VENV)/bin/pip install --no-deps -r constraints/$*.txt && touch $@ || \
+	  echo "Continuing without constraints/$*.txt: what needs it will not work." >&2

@@ -30,7 +30,7 @@ Every run in `docs/results`, from its own files. A link opens its tables;
 [methods.md](../methods.md#files-and-commands) explains the files.
 `musebot tables docs/results/NAME` prints the tables again,
 `musebot film docs/results/NAME --task TASK --output FILE.mp4` films a robot.
-*No brains*: kept without them, so no robot can be filmed.
+*No brains*: kept without them; a robot can be filmed in its life (`--minute`), not in a test.
 The column *experiment* names all that differs from the
 defaults: brain `paper`, body `mujoco`.
 

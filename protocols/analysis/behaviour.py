@@ -22,7 +22,7 @@ class Track:
 
     poses: np.ndarray  # x, y in [m] and heading in [rad], shape (T + 1, B, 3)
     events: np.ndarray  # whether in contact (or in the spot) after every step, shape (T, B)
-    spot: np.ndarray  # x, y of the spot's centre in [m], shape (2,)
+    spots: np.ndarray  # x, y of each robot's spot at the end, in [m], shape (B, 2)
     # The spot's centre as seen from the nose after every step, in [m]: ahead, and to the left.
     nose: np.ndarray  # shape (T, B, 2)
 
@@ -39,9 +39,9 @@ class Stay:
         last third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
       spinning: Share of time in which each robot spun inside the spot, in the first and in the last
         third of its time at the spot, shape (n, 2); NaN if it was there in no whole second.
-      minutes: A row for each minute, shape (M, 3): index of the minute, share of following the
-        contour, and share of spinning inside. These are shares of the time in this minute that the
-        staying robots were at the spot; NaN if none was.
+      minutes: In each minute, the share of following the contour, and of spinning inside, shape
+        (M, 2). These are shares of the time in this minute that the staying robots were at the
+        spot; NaN if none was.
     """
 
     staying: np.ndarray
@@ -98,12 +98,7 @@ def stay_of(track: Track, spot_radius: float) -> Stay:
         staying,
         np.array([_thirds(*pair) for pair in zip(follows.T, near.T, strict=True)]),
         np.array([_thirds(*pair) for pair in zip(inside.T, near.T, strict=True)]),
-        np.array(
-            [
-                (number, *(_share(kind[part], there[part]) for kind in kinds))
-                for number, part in enumerate(minutes)
-            ]
-        ),
+        np.array([[_share(kind[part], there[part]) for kind in kinds] for part in minutes]),
     )
 
 

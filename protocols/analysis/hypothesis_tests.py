@@ -146,11 +146,8 @@ def same_classes(pairs: Sequence[tuple[Sequence[int], Sequence[int]]]) -> float:
     The statistic is the sum of the pairs' chi-squares of homogeneity. Its null distribution is
     simulated, since counts may be small: both groups of a pair are drawn from their pooled shares.
 
-    `pairs` holds the number of robots in each class in the first and in the second group. The
-    p-value is NaN where there is no pair or a group has no robots.
+    `pairs` holds the number of robots in each class in the first and in the second group.
     """
-    if not pairs or any(not sum(group) for pair in pairs for group in pair):
-        return float("nan")
     random = np.random.default_rng(_SEED)
     found, drawn = 0.0, np.zeros(_JOINT_DRAWS)
     for pair in pairs:

@@ -103,8 +103,6 @@ def deviation(values: np.ndarray) -> Interval:
 def mean_from(summary: Summary) -> Interval:
     """Returns Student's t interval of the mean L, from a column's mean, deviation and counts."""
     measured = summary.robots - summary.counts[-1]
-    if measured < 2 or not summary.deviation > 0:
-        return UNKNOWN
     scale = summary.deviation / measured**0.5
     low, high = stats.t.interval(LEVEL, measured - 1, loc=summary.mean, scale=scale)
     return float(low), float(high)
@@ -117,10 +115,8 @@ def chance_variation(first: Summary, second: Summary) -> float:
     belonged to one population.
 
     Returns:
-      The 95th percentile of the total variation, in [0, 1]; NaN where a column has no robots.
+      The 95th percentile of the total variation, in [0, 1].
     """
-    if not first.robots or not second.robots:
-        return float("nan")
     counts = np.array(first.counts) + second.counts
     common = counts / counts.sum()
     random = np.random.default_rng(_SEED)

@@ -118,7 +118,7 @@ def late(evidence: Evidence, condition: Condition) -> Described:
 def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
     """Returns the share of time in which robots spin, before and after training, shape (n, 2)."""
     shares = evidence.observed().spinning.get(condition)
-    if shares is None or not len(shares):
+    if shares is None:
         raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
     return shares
 

@@ -10,9 +10,6 @@ from typing import ClassVar
 from ..terminal import show_markdown
 from .options import argument, executor, option
 
-_SIGNALS = ("paper", "raw")
-_BODIES = ("mujoco", "kinematic")
-_BACKENDS = ("torch", "numba")
 _OUT = "folder of the files; what is unfinished continues"
 _HOW = "how it is computed"
 _RAW = "paper, or raw: smell and reward before they saturate (raw)"
@@ -61,16 +58,13 @@ class Run(_Conducted):
     )
     tuned: tuple[Path, ...] = option((), _TUNED, "FOLDER")
     set: tuple[str, ...] = option((), "other settings, as dqn.rate=0.001", "AGENT.NAME=X")
-    signals: str = option("raw", _RAW, choices=_SIGNALS)
-    body: str = option("kinematic", "mujoco or kinematic (kinematic)", "NAME", choices=_BODIES)
+    signals: str = option("raw", _RAW, "NAME")
+    body: str = option("kinematic", "mujoco or kinematic (kinematic)", "NAME")
     robots: int = option(60, "robots of each learner: up to 60 or a multiple; MuJoCo: 30 (60)", "N")
     seed: int = option(61010, "seed of all random streams (61010)", "N")
     time_scale: float = option(1.0, _SCALE, "X")
     backend: str = option(
-        "torch",
-        "numba: compiled simulator and paper's brain (torch)",
-        choices=_BACKENDS,
-        group=_HOW,
+        "torch", "torch, or numba: simulator and paper's brain compiled (torch)", "NAME", group=_HOW
     )
     processes: int | None = option(None, "processes of this machine (its cores)", "N", group=_HOW)
     ray: str | None = option(None, "Ray cluster instead", "HOST:PORT", group=_HOW)
@@ -92,7 +86,7 @@ class Tune(_Conducted):
     agent: str = option(
         dataclasses.MISSING, "`musebot list agents`, or package.module:factory", "AGENT"
     )
-    signals: str = option("raw", _RAW, choices=_SIGNALS)
+    signals: str = option("raw", _RAW, "NAME")
     life: str = option("spot_finding", "life of all robots (spot_finding)", "LIFE")
     trials: int = option(16, "number of settings that are tried (16)", "N")
     kept: int = option(4, "number of settings that are simulated again (4)", "N")

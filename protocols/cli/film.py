@@ -75,7 +75,8 @@ class Film:
         if source.is_file() and source.suffix != ".safetensors":
             raise InputError(f"{source} is neither a run's folder nor a .safetensors file")
         if source.suffix != ".safetensors" or source.is_dir():
-            run = read_run(source, replay=self.minute is None)
+            brains = self.minute is None  # a life is simulated anew, from its beginning
+            run = read_run(source, replay=brains, networks=brains)
             condition = robots_named(self.task, self.proposer, self.agent)
             if self.minute is None:
                 for phase in phases:

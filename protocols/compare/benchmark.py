@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ...controller import BRAINS, PROPOSERS
-from ...fields import shown, whole
+from ...fields import choice, whole
 from ...models import Kinematics
 from ...tasks.lives import BODY, CHANGING_TASK, DRIFT, LIVES, Life
 from ..agents.factory import factory_of, trust
 from ..agents.names import LOWER, OWN, UPPER, recorded_name, short_name
 from ..agents.settings import settings_from
 from ..analysis.adaptation import Adaptation, Bounds, shares_of
-from ..errors import InputError, check_name, nearest
+from ..errors import InputError, check_name
 from ..runs.conditions import Condition
 from ..runs.experiment import Backend, Body, Experiment, Signals
 from ..runs.plan import MOST_ROBOTS, Plan
@@ -49,28 +49,24 @@ class Benchmark(Study):
     agent: tuple[str, ...] = (*_BRAINS, *LEARNERS)
     tuned: tuple[Path, ...] = ()
     set: tuple[str, ...] = ()
-    signals: Signals = "raw"
+    signals: Signals = choice("raw", Signals)
     robots: int = whole(60, 1, MOST_ROBOTS)
     seed: int = 61010
-    body: Body = "kinematic"
+    body: Body = choice("kinematic", Body)
     time_scale: float = 1.0
-    backend: Backend = "torch"
+    backend: Backend = choice("torch", Backend)
 
     def identity(self) -> Mapping[str, Any]:
         """Returns the options that all runs share; learners and lives may be added later."""
         most = _COHORTS[self.body]
         if self.robots > most and self.robots % most:
             raise InputError(f"robots above {most} must be a multiple of {most}, got {self.robots}")
+        changing = [name for name, life in LIVES.items() if not life.tested]
         for name in self.life:
-            if name not in LIVES or LIVES[name].tested:
-                changing = [name for name, life in LIVES.items() if not life.tested]
-                raise InputError(
-                    f"there is no built-in changing life {shown(name)}; {nearest(name, changing)}"
-                )
+            check_name("built-in changing life", name, changing)
         _ = self._chosen  # refuses unknown learners and settings
-        shared = {"seed": self.seed, "body": self.body, "time_scale": self.time_scale}
-        shared |= {"backend": self.backend}
-        return {**shared, "signals": self.signals}
+        shared = ("seed", "body", "time_scale", "backend", "signals")
+        return {name: getattr(self, name) for name in shared}
 
     def experiment(self) -> Experiment:
         return self._experiment({})

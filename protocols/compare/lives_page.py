@@ -201,7 +201,7 @@ def draw(column: Column) -> Figure:
     for axis, row in zip(axes.flat, rows, strict=True):
         hours, points = smoothed(row.curves)
         axis.plot(hours, points.T, color="0.75", linewidth=0.3)
-        axis.plot(hours, points.mean(axis=0), color=style.PALETTE[0], linewidth=1.5)
+        axis.plot(hours, points.mean(axis=0), color=style.CURVE, linewidth=1.5)
         style.mark_changes(axis, column.life)
         axis.set_title(row.name, fontsize=8, loc="left")
         style.in_per_cent(axis, 1.0)

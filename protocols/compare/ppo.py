@@ -44,8 +44,7 @@ class PPOTraining(Study):
         check_name("task", self.task, TASKS)
         if importlib.util.find_spec("stable_baselines3") is None:
             raise InputError("training needs Stable-Baselines3: pip install 'musebot[baselines]'")
-        own = {"task": self.task, "steps": self.steps, "seed": self.seed}
-        return own | {"settings": SETTINGS, "robots": ROBOTS}
+        return dataclasses.asdict(self) | {"settings": SETTINGS, "robots": ROBOTS}
 
     def work(self, out: Path, run_jobs: RunJobs) -> None:
         run_jobs([self._job(out)])

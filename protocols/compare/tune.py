@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
-from ...fields import whole
+from ...fields import choice, whole
 from ...models import Kinematics
 from ...tasks.lives import LIVES, SPOT_FINDING, STAGES, Life, Stage
 from ..agents.factory import factory_of, trust
@@ -87,7 +87,7 @@ class Tune(Study):
     folders: ClassVar[tuple[str, ...]] = ("trials",)
 
     agent: str
-    signals: Signals = "raw"
+    signals: Signals = choice("raw", Signals)
     life: str = SPOT_FINDING.name
     trials: int = whole(16, 1, _MOST)
     kept: int = whole(4, 1, _MOST)
@@ -280,8 +280,6 @@ def _read_tuning(folder: Path) -> Tune:
         known = held["identity"]
         study = Tune(**{field.name: known[field.name] for field in dataclasses.fields(Tune)})
         study.check_options()
-        if study.trials != len(known["drawn"]):
-            raise ValueError("it has another number of trials")
     except (*UNREADABLE, InputError, OSError) as error:
         text = repr(error) if isinstance(error, KeyError) else " ".join(str(error).split())
         raise InputError(f"{path} is no study `tune` of musebot's ({text:.200})") from error

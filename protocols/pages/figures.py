@@ -16,7 +16,6 @@ from ..analysis import intervals
 from ..analysis.behaviour import Behaviour, Stay
 from ..analysis.paper_tables import paper_column
 from ..runs.conditions import Condition
-from ..runs.experiment import Experiment
 from ..runs.learn_ability import CATEGORIES, Summary
 from ..runs.run import Run
 from .style import CATEGORY_COLOURS, DARK, INK, canvas, colour, in_per_cent, looks, mark_changes
@@ -35,12 +34,12 @@ def learning_curves(run: Run) -> Figure:
     look = looks(condition.proposer for condition in run.conditions())
     figure, axes = canvas(2.5 * len(tasks) + 0.3, len(tasks), 1)
     for task, axis in zip(tasks, axes[:, 0], strict=True):
+        life = run.experiment.life_of(task)
         for proposer in run.proposers(task):
             curves = run.curves(Condition(task, proposer))
             if len(curves):
-                _curve(axis, curves, run.experiment.life_of(task), look[proposer])
-        _parts(axis, run.experiment, task)
-        life = run.experiment.life_of(task)
+                _curve(axis, curves, life, look[proposer])
+        _parts(axis, life)
         axis.set_title(f"{life.title}: share of the time {life.event}", pad=16)
         axis.set_xlabel("simulated hours")
         in_per_cent(axis)
@@ -74,9 +73,8 @@ def _curve(axis: Axes, curves: np.ndarray, life: Life, look: dict[str, Any]) -> 
     axis.fill_between(hours, low, high, color=look["color"], alpha=0.2, linewidth=0)
 
 
-def _parts(axis: Axes, experiment: Experiment, task: str) -> None:
+def _parts(axis: Axes, life: Life) -> None:
     """Marks tests, training and changes of the world; the upper axis names tests and training."""
-    life = experiment.life_of(task)
     parts: list[Stage] = [part for part in STAGES if life.steps_of(part)]
     hours = [life.steps_of(part) / control_steps(60) for part in parts]
     ends = np.cumsum(hours)
@@ -225,9 +223,9 @@ def stays(found: Mapping[str, Stay]) -> Figure:
     figure, axes = canvas(2.6, 1, len(found), sharey=True)
     styles = {"along the contour": (0, (3, 1.5)), "spinning inside": "-"}
     for axis, (proposer, stay) in zip(axes[0], found.items(), strict=True):
-        minutes, following, inside = stay.minutes.T
+        following, inside = stay.minutes.T
         for values, style in zip((following, inside), styles.values(), strict=True):
-            axis.plot(minutes + 0.5, values, color=colour(proposer), linestyle=style)
+            axis.plot(np.arange(len(values)) + 0.5, values, color=colour(proposer), linestyle=style)
         axis.set_title(f"{proposer}, {int(stay.staying.sum())} robots")
         axis.set_xlabel("simulated minutes")
         in_per_cent(axis, 1)

@@ -170,7 +170,8 @@ class StoredRobot:
             or cannot take over stored weights, or a value is invalid.
         """
         when = _when(self.phase, self.seed)
-        return stored_brains(self.run, self.condition, [(self.row(), when)], self.seed)
+        self.check()
+        return stored_brains(self.run, self.condition, [(self.robot, when)], self.seed)
 
     def act(self) -> Act:
         """Returns the function that drives the robot with frozen weights; see `agent`."""
@@ -203,23 +204,21 @@ class StoredRobot:
             random,
         )
 
-    def row(self) -> int:
-        """Returns the robot's index among the rows of its condition."""
-        numbers = [row.robot for row in self.run.robots(self.condition)]
-        if not numbers:
+    def check(self) -> None:
+        """Raises InputError if there is no such robot, or its simulation was invalid."""
+        robots = self.run.robots(self.condition)
+        if not robots:
             known = ", ".join(map(str, self.run.conditions()))
             hint = f"{known}: --proposer or --agent chooses" if known else "none"
             raise InputError(f"the run has no robots of {self.condition}; it has {hint}")
-        if self.robot not in numbers:
-            ends = f"{min(numbers)} to {max(numbers)}"
+        if not 0 <= self.robot < len(robots):
+            ends = f"0 to {len(robots) - 1}"
             raise InputError(f"the robots of {self.condition} are {ends}, got {self.robot}")
-        row = numbers.index(self.robot)
-        if not self.run.robots(self.condition)[row].valid:
+        if not robots[self.robot].valid:
             raise InputError(
                 f"robot {self.robot} of {self.condition} is invalid: it was stopped, because its "
                 "simulation became unstable or its weights were not finite"
             )
-        return row
 
 
 @dataclasses.dataclass(frozen=True)
@@ -243,7 +242,7 @@ class Relived:
           InputError: there is no such robot or minute, the agent is not trusted, the robot has
             other dimensions than the model that is drawn, or its run used a GPU or MuJoCo Warp.
         """
-        row = StoredRobot(run, condition, robot, "post").row()
+        StoredRobot(run, condition, robot, "post").check()
         experiment = run.experiment
         _check_drawn(experiment)
         if experiment.on_tensors:
@@ -261,7 +260,7 @@ class Relived:
         lived = ConditionResults.of(experiment, condition, cohort.lives()).curves
         whole = int(minute)  # minutes that can be compared
         number = robot % experiment.cohort_size
-        if (lived[number, :whole] != run.results[condition].curves[row, :whole]).any():
+        if (lived[number, :whole] != run.results[condition].curves[robot, :whole]).any():
             notice(
                 f"robot {robot} lives otherwise than in the run: this version or this processor "
                 "computes or rounds differently"
@@ -401,4 +400,4 @@ def watch(
         poses[step + 1] = batch.pose
         events[step] = batch.rules.event(batch.sensordata)
         nose[step] = batch.sensordata[:, batch.rules.layout.smell][:, :2]
-    return Track(poses, events, batch.spot[0], nose)
+    return Track(poses, events, batch.spot.copy(), nose)

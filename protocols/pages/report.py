@@ -127,14 +127,14 @@ def page(
     `text` is Markdown. `drawn` has figures (.png) by name, `filmed` has captions by film (.mp4).
     `missing` is a sentence about missing films, or empty.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATE.parent),
+    template = jinja2.Template(
+        _TEMPLATE.read_text(),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    return environment.get_template(_TEMPLATE.name).render(
+    return template.render(
         name=printable(run.name),
         summary=_summary(run),
         few=run.few,

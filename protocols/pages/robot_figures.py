@@ -36,8 +36,7 @@ class Example(NamedTuple):
 
     kind: str
     condition: Condition
-    row: int  # index among all robots of its condition
-    robot: int  # its number, unique within the condition
+    robot: int  # number within the condition
 
 
 def examples(run: Run, task: str) -> list[Example]:
@@ -62,7 +61,7 @@ def examples(run: Run, task: str) -> list[Example]:
     if gains:
         best, worst = max(gains, key=gains.__getitem__), min(gains, key=gains.__getitem__)
         found += [("learner", best)] * (gains[best] > 0) + [("spoiled", worst)] * (gains[worst] < 0)
-    return [Example(kind, condition, i, robots[i].robot) for kind, i in found]
+    return [Example(kind, condition, i) for kind, i in found]
 
 
 def favourite(run: Run, task: str) -> Example | None:
@@ -75,19 +74,22 @@ def favourite(run: Run, task: str) -> Example | None:
 
 
 def trajectories(run: Run, task: str) -> Figure | None:
-    """Draws the example robots' paths in the first minutes of both tests; None without examples."""
+    """Draws example robots' paths at the beginning of the test after training, by both brains.
+
+    Returns None without examples.
+    """
     found = examples(run, task)
     if not found:
         return None
     condition = found[0].condition
-    which: list[tuple[int, When]] = [(one.row, when) for one in found for when in WHEN]
+    which: list[tuple[int, When]] = [(one.robot, when) for one in found for when in WHEN]
     life = run.experiment.life_of(task)
     track = evaluate(run, condition, which, MINUTES[life.wanted])
     batch = run.experiment.batch(task, 1)
     figure, axes = canvas(2.9, 2, len(found))
     for index, axis in enumerate(axes.T.flat):
         example, when = found[index // 2], WHEN[index % 2]
-        _draw_arena(axis, batch, track.spot)
+        _draw_arena(axis, batch, track.spots[index])
         draw_path(axis, track, index, colour(condition.proposer))
         if when == WHEN[0]:
             axis.set_title(f"{example.kind}, {condition.proposer} {example.robot}")
@@ -120,12 +122,6 @@ def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
 
 
 # ---- Values and ideas ----
-
-
-def grid() -> torch.Tensor:
-    """Returns actions on a grid over all motor values, left motor first, shape (1, 41 x 41, 2)."""
-    line = torch.linspace(-0.5, 0.5, _GRID)
-    return torch.cartesian_prod(line, line)[None]
 
 
 def situations(batch: Robots) -> dict[str, np.ndarray]:
@@ -169,7 +165,7 @@ def values(run: Run, task: str) -> Figure | None:
     states = situations(run.experiment.batch(task, 1))
     figure, axes = canvas(4.1, 2, 3, sharex=True, sharey=True)
     for axes_of_test, when in zip(axes, WHEN, strict=True):
-        agent = stored_brains(run, condition, [(example.row, when)])
+        agent = stored_brains(run, condition, [(example.robot, when)])
         assert isinstance(agent, NeurocontrollerAgent)  # examples have brains
         for axis, state in zip(axes_of_test, states.values(), strict=True):
             draw_values(axis, agent.controller, state)
@@ -191,7 +187,9 @@ def draw_values(axis: Axes, brain: Neurocontroller, state: np.ndarray) -> None:
     The brain is that of a single robot, `state` its sensor signals, shape (S,).
     """
     sensed = torch.from_numpy(state.astype(np.float32))[None]
-    value = brain.values(sensed, grid())[0].reshape(_GRID, _GRID).numpy()
+    line = torch.linspace(-0.5, 0.5, _GRID)
+    actions = torch.cartesian_prod(line, line)[None]  # left motor first, shape (1, 41 x 41, 2)
+    value = brain.values(sensed, actions)[0].reshape(_GRID, _GRID).numpy()
     ideas = brain.propose(sensed)
     best = ideas[0, int(brain.values(sensed, ideas)[0].argmax())]
     # The left motor along x: rows of the image are values of the right motor.

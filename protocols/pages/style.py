@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import warnings
 from collections.abc import Iterable
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
-from ...tasks.lives import Life
+from ...tasks.lives import Life, control_steps
 from ..storage import write_atomically
 
 FORMATS = ("svg", "png")
@@ -28,7 +27,7 @@ DARK = "#1b222b"  # colour of text and marks on a light area
 EVENT = "#8811ff"  # colour of a path in contact, or in the spot
 _PROPOSERS = {"fixed": "#3b87c4", "random": "#cf7423", "creative": "#0f9d77"}
 _OTHERS = ("#cc66ff", "#776600", "#cc0044", "#775599")
-PALETTE = (*_PROPOSERS.values(), *_OTHERS)  # for anything but proposers
+CURVE = _PROPOSERS["fixed"]  # colour of curves in a figure of one learner
 CATEGORY_COLOURS = ("#2f6fb0", "#86b6dc", "#b9bec6", "#d0702a", "#858e99")
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
@@ -107,8 +106,6 @@ def in_per_cent(axis: Axes, top: float | None = None) -> None:
 
 def mark_changes(axis: Axes, life: Life) -> None:
     """Draws a thin line where a life's world changes, unless it changes more than 24 times."""
-    starts = np.cumsum([0, *(phase.minutes for phase in life.phases)]) / 60
-    phases = enumerate(pairwise(life.phases), 1)
-    changes = [starts[later] for later, (one, other) in phases if one.world != other.world]
+    changes = [leg.start / control_steps(60) for leg in life.legs() if leg.changes_world]
     for hours in changes if len(changes) <= 24 else ():
         axis.axvline(hours, color="0.5", linewidth=0.5)

@@ -170,8 +170,8 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
     names = md.escape(ours.name), md.escape(other.name)
     found = [cell for cell in cells if cell.differs]
     lines = [f"**{names[0]}** compared with **{names[1]}**. {_differ_in(ours, other)}", ""]
-    lines += [f"After Holm's correction {len(found)} of {len(cells)} cells differ", ""]
-    lines[-2] += ":" if found else "."
+    end = ":" if found else "."
+    lines += [f"After Holm's correction {len(found)} of {len(cells)} cells differ{end}", ""]
     for cell in found:
         first, second, difference = _numbers(cell)
         name = f"{cell.condition.task}, {short_name(cell.condition.proposer)}: {cell.name}"

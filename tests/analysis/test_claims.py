@@ -144,7 +144,7 @@ def stay(first, last, count=20):
     wobble = np.linspace(-0.01, 0.01, count)
     following = np.stack([first[0] + wobble, last[0] - wobble / 2], axis=1)
     spinning = np.stack([first[1] + wobble, last[1] - wobble / 2], axis=1)
-    found = Stay(np.ones(count, dtype=bool), following, spinning, np.zeros((0, 3)))
+    found = Stay(np.ones(count, dtype=bool), following, spinning, np.zeros((0, 2)))
     return observed(stays={"creative": found})
 
 

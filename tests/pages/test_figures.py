@@ -161,7 +161,7 @@ def test_spinning_is_drawn_on_the_left_before_and_on_the_right_after_training(ch
 
 
 def test_following_the_contour_is_dashed_and_spinning_inside_is_solid(check_figure):
-    minutes = np.array([[0, 0.5, 0.1], [1, 0.4, 0.2]])
+    minutes = np.array([[0.5, 0.1], [0.4, 0.2]])
     stay = Stay(np.array([True, True, False]), np.ones((3, 2)), np.zeros((3, 2)), minutes)
     with style.styled():
         figure = figures.stays({"random": stay})

@@ -48,7 +48,7 @@ def test_newborns_start_with_the_nose_at_the_rim_and_learn(run):
     ahead = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
     nose = poses[:, :2] + size.nose * ahead
     assert radius == size.spot_radius == 0.06
-    np.testing.assert_allclose(np.linalg.norm(nose - track.spot, axis=1), radius, atol=1e-6)
+    np.testing.assert_allclose(np.linalg.norm(nose - track.spots, axis=1), radius, atol=1e-6)
     np.testing.assert_allclose(np.arctan2(*-nose.T[::-1]), poses[:, 2], atol=1e-5)  # face the spot
     assert len(track.events) == round(600 * measured_behaviour.STAY_MINUTES * 0.002)
     slow = dataclasses.replace(run.experiment, brain=Parameters(learn_rate=1e-9))

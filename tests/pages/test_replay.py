@@ -262,7 +262,7 @@ def test_a_track_records_poses_events_and_the_spot_in_the_frame_of_the_nose(lear
     assert [call.args[1] for call in agent.act.mock_calls] == [learning] * 3
     assert agent.learn.call_count == 3 * learning
     assert track.events.tolist() == [[False, True]] * 3
-    np.testing.assert_array_equal(track.spot, [0.3, 0.2])
+    np.testing.assert_array_equal(track.spots, [[0.3, 0.2]] * len(track.spots))
     np.testing.assert_allclose(track.poses[0], [[0.1, -0.1, 0.5], [0.26, 0.2, 0.0]], atol=1e-6)
     np.testing.assert_allclose(track.poses[-1], batch.pose, atol=1e-6)
     for (x, y, heading), found in zip(track.poses[-1].astype(float), track.nose[-1], strict=True):

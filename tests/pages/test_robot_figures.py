@@ -26,10 +26,10 @@ KINDS = {
 }
 
 
-def invented(conditions, kinds, first=0, **fields):
+def invented(conditions, kinds, **fields):
     """Returns a run of robots of the given kinds, without networks."""
     rows = [
-        Robot(condition.task, condition.proposer, 1, 0, first + k, pre, post, ability, kind)
+        Robot(condition.task, condition.proposer, 1, 0, k, pre, post, ability, kind)
         for condition in conditions
         for k, (kind, pre, post, ability) in enumerate(kinds[condition.task])
     ]
@@ -70,8 +70,9 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     poses, events = np.zeros((5, 2, 3)), np.zeros((4, 2), bool)
     poses[:, 1, 0], poses[:, 1, 1], events[2:, 1] = range(5), 7, True
+    track = Track(poses, events, np.zeros((2, 2)), np.zeros((4, 2, 2)))
     axis = Figure().subplots()
-    robot_figures.draw_path(axis, Track(poses, events, np.zeros(2), np.zeros((4, 2, 2))), 1, "red")
+    robot_figures.draw_path(axis, track, 1, "red")
     plain, violet, ring, dot = axis.lines
     assert (plain.get_color(), violet.get_color()) == ("red", style.EVENT)
     np.testing.assert_array_equal(plain.get_xdata(), [0, 1, 2, NAN, NAN])
@@ -83,12 +84,12 @@ def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
 
 def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(examples, monkeypatch):
     def evaluated(run, condition, which, minutes):
-        """Robot k is at k / 100, and has an event in k + 1 of 10 steps."""
+        """Robot k and its spot are at k / 100; it has an event in k + 1 of 10 steps."""
         assert which == [(row, when) for row in range(3) for when in ("before", "after")]
         poses = np.zeros((11, 6, 3))
         poses[..., 0] = np.arange(6) / 100
         events = np.arange(10)[:, None] <= np.arange(6)
-        return Track(poses, events, np.zeros(2), np.zeros((10, 6, 2)))
+        return Track(poses, events, poses[0, :, :2], np.zeros((10, 6, 2)))
 
     monkeypatch.setattr(robot_figures, "evaluate", evaluated)
     with style.styled():
@@ -98,6 +99,7 @@ def test_each_path_and_share_of_trajectories_is_of_its_robot_and_test(examples, 
         *((f"before: {k + 1}0", k / 100) for k in (0, 2, 4)),
         *((f"after: {k + 1}0", k / 100) for k in (1, 3, 5)),
     ]
+    assert [axis.patches[1].center[0] for axis in axes] == [line for _, line in shown]
     titles = [axis.get_title(loc="left") for axis in axes]
     assert titles[:3] == ["ignorant, creative 0", "learner, creative 1", "spoiled, creative 2"]
 
