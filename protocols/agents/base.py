@@ -41,11 +41,10 @@ def load_random_state(random: np.random.Generator, state: np.ndarray) -> None:
     try:
         given = json.loads(bytes(state))
         random.bit_generator.state = given
-        damaged = random.bit_generator.state != given
+        if random.bit_generator.state != given:
+            raise ValueError("it was not taken over")
     except (KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         raise ValueError("this is no state of the generator") from error
-    if damaged:
-        raise ValueError("this is no state of the generator")
 
 
 class Agent(abc.ABC):
@@ -99,9 +98,9 @@ class Agent(abc.ABC):
     def weights(self) -> dict[str, np.ndarray]:
         """Returns all arrays that actions in a test depend on, by name, each of shape (B, ...).
 
-        Arrays drawn from the seed are included. Names, dtypes and shapes stay the same all its
-        life. A run keeps all in results.safetensors.gz. A robot
-        with a NaN or infinite weight is stopped and counted as invalid.
+        Arrays drawn from the seed are included. Names, dtypes and shapes stay the same during the
+        agent's life. A run keeps all in results.safetensors.gz. A robot with a NaN or infinite
+        weight is stopped and counted as invalid.
         """
         return {}
 

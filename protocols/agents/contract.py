@@ -24,7 +24,7 @@ from .checked_agent import CheckedAgent, copied
 from .factory import factory_of, trust
 from .names import OWN_BOUNDS, recorded_name
 from .settings import Setting, checked_settings, settings_from, settings_of
-from .signals import random_signals, raw_senses, senses_of
+from .signals import raw_senses, senses_of
 
 ROBOTS, STEPS = 4, 60
 _CHECKPOINTS = 12, 25, 40  # odd and even numbers of steps
@@ -180,12 +180,13 @@ class AgentContract:
     @functools.cached_property
     def stream(self) -> tuple[np.ndarray, np.ndarray]:
         """Random signals (STEPS, B, S) and rewards (STEPS, B), some at an end of their ranges."""
-        states, rewards = random_signals(self._senses, STEPS, ROBOTS)
+        random, reward = np.random.default_rng(0), self._senses.reward
+        low, high = np.array([(signal.low, signal.high) for signal in self._senses.state]).T
+        states = random.uniform(low, high, (STEPS, ROBOTS, len(low)))
+        rewards = random.uniform(reward.low, reward.high, (STEPS, ROBOTS))
         # Saturated and silent signals occur in a life more often than any other.
-        states[::7] = [signal.low for signal in self._senses.state]
-        states[1::7] = [signal.high for signal in self._senses.state]
-        rewards[::5] = self._senses.reward.low
-        return states, rewards
+        states[::7], states[1::7], rewards[::5] = low, high, reward.low
+        return states.astype(np.float32), rewards.astype(np.float32)
 
     @property
     def _senses(self) -> Senses:

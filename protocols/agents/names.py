@@ -33,7 +33,6 @@ RECORDED_NAMES = {name: recorded for name, (recorded, _) in OWN.items()}
 FACTORIES = {recorded: f"{__package__}.{module}:{n}" for n, (recorded, module) in OWN.items()}
 LOWER, UPPER = "newborn", "hand_coded"  # bounds of what a robot can learn
 OWN_BOUNDS = {RECORDED_NAMES[name] for name in (LOWER, UPPER)}
-OWN_ENCODING = {RECORDED_NAMES[LOWER]}  # agents that compute the raw signals themselves
 
 
 def is_own(name: str) -> bool:

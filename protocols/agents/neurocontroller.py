@@ -35,15 +35,13 @@ class NeurocontrollerAgent(Agent):
     @torch.inference_mode()
     def act(self, state: Any, learning: bool) -> Any:
         """See `Agent.act`; returns a tensor if `state` is one."""
-        if isinstance(state, torch.Tensor):
-            return self.controller.act(state, explore=learning)
-        return self.controller.act(torch.from_numpy(state), explore=learning).numpy()
+        motors = self.controller.act(torch.as_tensor(state), explore=learning)
+        return motors if isinstance(state, torch.Tensor) else motors.numpy()
 
     @torch.inference_mode()
     def learn(self, reward: Any) -> None:
         """See `Agent.learn`; takes tensors, too."""
-        given = isinstance(reward, torch.Tensor)
-        self.controller.learn(reward if given else torch.from_numpy(reward))
+        self.controller.learn(torch.as_tensor(reward))
 
     def state(self) -> dict[str, np.ndarray]:
         return {name: tensor.cpu().numpy() for name, tensor in self.controller.state().items()}

@@ -37,19 +37,6 @@ def raw_senses(senses: Senses) -> Senses:
     return Senses(senses.state + further, _SHARE if senses.reward.maximal else senses.reward)
 
 
-def random_signals(senses: Senses, steps: int, robots: int) -> tuple[np.ndarray, np.ndarray]:
-    """Draws uniform signals and rewards from their ranges; equal calls return equal numbers.
-
-    Returns:
-      Signals, float32, shape (T, B, S), and rewards, float32, shape (T, B), for T = `steps`.
-    """
-    random = np.random.default_rng(0)
-    low, high = np.array([(signal.low, signal.high) for signal in senses.state]).T
-    states = random.uniform(low, high, (steps, robots, len(low)))
-    rewards = random.uniform(senses.reward.low, senses.reward.high, (steps, robots))
-    return states.astype(np.float32), rewards.astype(np.float32)
-
-
 class RawSignals(Wrapper):
     """A wrapper that gives its agent unsaturated smell and reward, as the brain `steady` has."""
 

@@ -76,7 +76,7 @@ class Doctor:
         for sentence in broken:
             say(sentence)
         if broken:
-            raise RunError(f"{name} broke {len(broken)} laws of agents")
+            raise RunError(f"{name} failed {len(broken)} checks")
         say(f"{name} passed all checks")
 
 

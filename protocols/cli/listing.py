@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 
+from ...controller.parameters import PROPOSERS
 from ...controller.presets import INGREDIENTS
 from ..agents.names import OWN, recorded_name, registered_names
 from ..errors import InputError, nearest
@@ -101,8 +102,11 @@ def _settings(agent: str) -> list[str]:
     from ..agents.factory import factory_of, trust
     from ..agents.settings import settings_of
 
-    if agent not in {*OWN, *registered_names()} and ":" not in agent:
-        raise InputError(f"there is no list {agent!r:.60}; {nearest(agent, [*NAMES, *OWN])}")
+    if agent in PROPOSERS:
+        raise InputError(f"{agent} is a proposer of the brain, which has no settings")
+    known = [*OWN, *registered_names()]
+    if agent not in known and ":" not in agent:
+        raise InputError(f"there is no list {agent!r:.60}; {nearest(agent, [*NAMES, *known])}")
     trust(recorded := recorded_name(agent))
     lines = []
     for name, setting in settings_of(factory_of(recorded)).items():

@@ -38,7 +38,7 @@ def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
 def executor(processes: int | None = None, ray: str | None = None, device: str = "cpu") -> Executor:
     """Returns the executor of a command's jobs; connects to the cluster if `ray` is given.
 
-    This machine runs `processes` jobs at a time, by default one per core. On a GPU, it runs one,
+    This machine runs `processes` jobs at a time, by default one per core; on a GPU it runs one,
     because jobs would share the GPU's memory. `ray` is the cluster's address, HOST:PORT.
 
     Raises:
@@ -47,12 +47,12 @@ def executor(processes: int | None = None, ray: str | None = None, device: str =
     """
     if processes is not None and (type(processes) is not int or processes < 1):
         raise InputError(f"processes must be a whole number of at least 1, got {processes!r:.60}")
+    if device != "cpu" and (ray is not None or processes not in (None, 1)):
+        raise InputError(f"the device {device} of this machine runs one job: no --ray, --processes")
     if ray is None:
         from ..runs.local import Local
 
         return Local(processes or cores() if device == "cpu" else 1)
-    if device != "cpu":
-        raise InputError(f"the device {device} is this machine's: Ray cannot be used with it")
     if processes is not None:
         raise InputError("--processes and --ray exclude each other: Ray uses its cluster's cores")
     from ..runs.ray_cluster import RayCluster

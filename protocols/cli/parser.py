@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def run() -> None:
         if (command := _command(words)) is None:
             return
-        # Before the first import of mujoco: a film opens EGL itself, the other verbs draw nothing.
+        # Before the first import of mujoco: films open EGL themselves.
         if words[0] != "explore":
             os.environ["MUJOCO_GL"] = "off"
         if words[0] not in _UNCHECKED:
@@ -100,9 +100,9 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
             meant = [action.dest for action in parser._actions if not action.option_strings]
             if left[0][2:] in meant:
                 raise InputError(f"{left[0]} is no option: its value stands without {left[0]}")
-            if left[0] == "--task" and "--life" in known:
+            if (name := left[0].partition("=")[0]) == "--task" and "--life" in known:
                 raise InputError("there is no option --task; did you mean --life?")
-            raise InputError(f"there is no option {left[0]}; {nearest(left[0], known)}")
+            raise InputError(f"there is no option {name}; {nearest(name, known)}")
         raise InputError(f"{left[0]!r} is one word too many")
     return command(**vars(values))
 
@@ -169,7 +169,7 @@ def _reader(name: str, kind: type, choices: Sequence[str]) -> Callable[[str], An
         try:
             return kind(word)
         except ValueError as error:
-            what = _KINDS.get(kind, "another value")
+            what = _KINDS[kind]
             raise InputError(f"{name} must be {what}, got {word!r:.60}") from error
 
     return read

@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ...fields import shown
 from ..errors import InputError
 from ..terminal import show_markdown
 from .options import argument, executor, option
@@ -46,14 +47,12 @@ class Run:
         False, "run the code of agents that only OUT or --config names", group=_WHO
     )
     robots: int | None = option(None, "robots in each condition (60)", "N", group=_WHO)
-    brain: str | None = option(
-        None, "paper, steady, steady-X (without X), recurrent (paper)", "NAME", group=_WORLD
-    )
+    brain: str | None = option(None, "one of `musebot list brains` (paper)", "NAME", group=_WORLD)
     reading: str | None = option(
         None, "reading of the paper: body, plain (body)", "NAME", group=_WORLD
     )
     body: str | None = option(
-        None, "mujoco, or kinematic: a wheeled point without mass", "NAME", group=_WORLD
+        None, "mujoco, or kinematic: a wheeled disc without mass", "NAME", group=_WORLD
     )
     time_scale: float | None = option(
         None, "factor on every duration, in (0, 1], for rehearsals", "X", group=_WORLD
@@ -102,9 +101,8 @@ class Run:
             raise InputError(f"save-every must be positive, got {self.save_every}")
         config = read_config(self.config) if self.config else Config()
         held = planned(self.out)
-        rows = self._rows(config)
-        self._trust(rows, held)
-        plan = self._plan(rows, held, config)
+        self._trust(config.robots, held)
+        plan = self._plan(config, held)
         return simulate(
             self.out,
             plan,
@@ -113,15 +111,6 @@ class Run:
             quiet=quiet,
             log=self.tensorboard,
         )
-
-    def _rows(self, config: Config) -> dict[Condition, int]:
-        """Returns the number of robots that the file of --config plans for each condition."""
-        from ..runs.conditions import Condition
-
-        try:
-            return {Condition(*names): number for names, number in config.robots.items()}
-        except InputError as error:
-            raise InputError(f"{self.config}: {error}") from error
 
     def _trust(self, rows: Iterable[Condition], held: Plan | None) -> None:
         """Trusts agents that the command names; with --trust-agent, those of file and OUT too."""
@@ -134,7 +123,7 @@ class Run:
         for condition in rows:
             check_trusted(condition.proposer, self.config)
 
-    def _plan(self, rows: Mapping[Condition, int], held: Plan | None, config: Config) -> Plan:
+    def _plan(self, config: Config, held: Plan | None) -> Plan:
         """Returns the plan; values are from the command, else the file, else OUT, else defaults."""
         from ...controller import Parameters
         from ..runs.experiment import Experiment, changed
@@ -151,19 +140,19 @@ class Run:
         except InputError as error:
             source = f"with {self.config}: " if self.config else ""
             raise InputError(f"{source}{error}") from error
-        robots = self._robots(rows, held.robots if held else {}, lives)
+        robots = self._robots(config.robots, held.robots if held else {}, lives)
         if held:
             check_identity(self.out, vars(held.experiment), vars(experiment))
         elif "cohort_size" not in values:
             size = default_cohort_size(*robots.values())
             experiment = changed(experiment, {"cohort_size": size})
         for_agents = experiment.settings or experiment.signals == "raw"
-        brains = [condition for condition in robots if condition.has_brain]
         own_brain = self.brain is not None or experiment.brain != Parameters()
-        chosen_from = any(condition.has_brain for condition in rows)  # the file's plan
-        if own_brain and not (held or brains or chosen_from):
+        # The command may choose among the conditions that the file plans.
+        brains = [condition.has_brain for condition in (*robots, *config.robots)]
+        if own_brain and not held and not any(brains):
             raise InputError("a brain is for proposers, and this run has only agents")
-        if for_agents and not held and len(brains) == len(robots):
+        if for_agents and not held and all(brains):
             raise InputError(
                 "settings and raw signals change agents only, and this run has none; a brain is "
                 "changed by --set brain.NAME=VALUE, for example --set brain.raw_signals=true"
@@ -294,7 +283,7 @@ def _words(value: Any) -> tuple[str, ...]:
         return ()
     if isinstance(value, Mapping):
         return tuple(
-            f"{name}={x if isinstance(x, str) else json.dumps(x, default=_plain)}"
+            f"{name}={x if isinstance(x, str) else json.dumps(x, default=_listed)}"
             for name, x in value.items()
         )
     several = isinstance(value, Iterable) and not isinstance(value, str | Path)
@@ -304,3 +293,10 @@ def _words(value: Any) -> tuple[str, ...]:
 def _plain(value: Any) -> Any:
     """Returns a NumPy value as Python numbers, and any other value unchanged."""
     return value.tolist() if hasattr(value, "tolist") else value
+
+
+def _listed(value: Any) -> Any:
+    """Returns a NumPy value inside of `set` as numbers; raises InputError for any other value."""
+    if not hasattr(value, "tolist"):
+        raise InputError(f"set takes numbers, texts and lists of these, got {shown(value)}")
+    return value.tolist()

@@ -186,14 +186,12 @@ def backends(effort: Effort) -> Iterator[dict[str, Any]]:
     """Yields a row for each number of robots: Numba and PyTorch in the kinematic simulator."""
     for robots in tracked(effort.backends, "backends"):
         steps = effort.steps(robots)
-        numba, pytorch = (
-            functools.partial(cohort_in_training(experiment, _POPULATION).advance, steps)
-            for experiment in (
-                Experiment(body="kinematic", cohort_size=robots, backend=backend)
-                for backend in ("numba", "torch")
-            )
-        )
-        yield {"robots": robots} | paired(steps * robots, effort.repetitions, numba, pytorch)
+        advances = []
+        for backend in ("numba", "torch"):
+            experiment = Experiment(body="kinematic", cohort_size=robots, backend=backend)
+            cohort = cohort_in_training(experiment, _POPULATION)
+            advances.append(functools.partial(cohort.advance, steps))
+        yield {"robots": robots} | paired(steps * robots, effort.repetitions, *advances)
 
 
 def interfaces(effort: Effort) -> Iterator[dict[str, Any]]:

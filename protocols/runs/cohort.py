@@ -17,7 +17,7 @@ from ...tasks.lives import STAGES, Leg, Phase, control_steps, place
 from ..agents.base import Agent, sound
 from ..agents.checked_agent import CheckedAgent
 from ..agents.factory import factory_of
-from ..agents.names import OWN_BOUNDS, OWN_ENCODING, is_own, short_name
+from ..agents.names import LOWER, OWN_BOUNDS, RECORDED_NAMES, is_own, short_name
 from ..agents.neurocontroller import NeurocontrollerAgent
 from ..agents.settings import checked_settings, settings_from
 from ..agents.signals import RawSignals, raw_senses, senses_of
@@ -76,7 +76,8 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
     words = settings_from(experiment.settings, several=True)
     settings = checked_settings(short_name(proposer), factory, words, robots) if words else {}
 
-    raw = experiment.signals == "raw" and proposer not in OWN_ENCODING
+    # The newborn brain computes the raw signals itself.
+    raw = experiment.signals == "raw" and proposer != RECORDED_NAMES[LOWER]
     sensed = raw_senses(senses) if raw else senses
     make = functools.partial(factory, robots, sensed, seed, **settings)
     agent = make() if is_own(proposer) else CheckedAgent(proposer, make, robots)

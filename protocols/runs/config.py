@@ -23,6 +23,7 @@ from ...tasks.suite import TASKS, task_definition
 from ..agents.names import recorded_name
 from ..errors import InputError, check_name, nearest
 from ..storage import parsed, read_whole
+from .conditions import Condition
 from .experiment import Experiment
 from .manifest import VALUES
 from .plan import check_robots
@@ -119,12 +120,11 @@ class Config:
 
     Attributes:
       values: Fields of `Experiment` that the file gives, by name.
-      robots: Dictionary from a pair of a task and a proposer (or an agent) to its number of robots;
-        empty if the file has no plan.
+      robots: Number of robots of each condition; empty if the file has no plan.
     """
 
     values: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-    robots: Mapping[tuple[str, str], int] = dataclasses.field(default_factory=dict)
+    robots: Mapping[Condition, int] = dataclasses.field(default_factory=dict)
 
 
 def read_config(path: Path) -> Config:
@@ -203,10 +203,10 @@ def _values(given: Any) -> dict[str, Any]:
     return values
 
 
-def _robots(rows: Any) -> dict[tuple[str, str], int]:
+def _robots(rows: Any) -> dict[Condition, int]:
     if not isinstance(rows, tuple):
         raise InputError(f"plan must be a list of rows, got {shown(rows)}")
-    robots: dict[tuple[str, str], int] = {}
+    robots: dict[Condition, int] = {}
     for row in rows:
         own = _checked(row, _ROW, "a row of the plan")
         if missing := [name for name in _ROW if name not in own]:
@@ -214,11 +214,12 @@ def _robots(rows: Any) -> dict[tuple[str, str], int]:
         names = own["task"], own["proposer"]
         if not all(isinstance(name, str) for name in names):
             raise InputError(f"task and proposer must be texts, got {shown(names)}")
-        pair = own["task"], recorded_name(own["proposer"])  # an agent may have several names
-        if pair in robots:
-            raise InputError(f"{'/'.join(pair)} is planned twice")
+        # An agent may have several names.
+        condition = Condition(own["task"], recorded_name(own["proposer"]))
+        if condition in robots:
+            raise InputError(f"{condition} is planned twice")
         check_robots(own["robots"])
-        robots[pair] = own["robots"]
+        robots[condition] = own["robots"]
     return robots
 
 

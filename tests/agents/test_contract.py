@@ -242,7 +242,7 @@ def test_the_exit_status_says_whether_a_law_is_broken(capsys):
     assert cli.main(["doctor", "--agent", "mine:Idle"]) == 1
     captured = capsys.readouterr()
     assert "spot_finding, raw signals: 60 steps of training change no weights" in captured.out
-    assert captured.err == "musebot: mine:Idle broke 4 laws of agents\n"
+    assert captured.err == "musebot: mine:Idle failed 4 checks\n"
     assert cli.main(["doctor", "--agent", "creative"]) == 2
 
 

@@ -29,9 +29,7 @@ WA = Condition("wall_avoidance", "fixed")
 
 def planned(held=None, file=None, **options):
     """Returns the plan of a command without its folder."""
-    command = Run(Path("out"), **options)
-    config = file or Config()
-    return command._plan(command._rows(config), held, config)
+    return Run(Path("out"), **options)._plan(file or Config(), held)
 
 
 # What is planned
@@ -79,13 +77,20 @@ def test_a_reading_sets_its_fields_and_other_words_come_first():
 )
 def test_what_is_not_given_is_that_of_the_folder_or_of_the_file(options, robots):
     known = {WA: 4, SF: 6}
-    file = Config(robots={(c.task, c.proposer): n for c, n in known.items()})
+    file = Config(robots=known)
     held = Plan(Experiment(cohort_size=2), known)
     assert planned(held, **options).robots == planned(file=file, **options).robots == robots
     dqn = {"agent": ("dqn",), "life": ("spot_finding",)}
     assert planned(held, **dqn).robots == {Condition(SF.task, "musebot:dqn"): 6}
     with pytest.raises(InputError, match="choose among these, got spot_finding/musebot"):
         planned(file=file, **dqn)
+
+
+def test_settings_in_a_file_of_brains_and_agents_hold_whatever_the_command_chooses():
+    dqn = Condition(SF.task, "musebot:dqn")
+    file = Config({"settings": ("rate=0.1",)}, {SF: 2, dqn: 2})
+    assert planned(file=file, proposer=("creative",)).robots == {SF: 2}
+    assert planned(file=file, agent=("dqn",)).experiment.settings == ("rate=0.1",)
 
 
 def test_words_override_a_file_before_its_values_are_checked(tmp_path):
@@ -106,7 +111,7 @@ def test_words_override_a_file_before_its_values_are_checked(tmp_path):
     ("words", "sentence"),
     [
         (["--life", "dancing"], "there is no life 'dancing'"),
-        (["--task", "spot_finding_walls"], "there is no option --task; did you mean --life?"),
+        (["--task=spot_finding_walls"], "there is no option --task; did you mean --life?"),
         (["--proposer", "magic"], "the proposer must be one of fixed, random, creative, or"),
         (["--robots", "5", "--set", "cohort_size=2"], "multiple of the cohort size, 2, got 5"),
         (["--processes", "0"], "processes must be a whole number of at least 1, got 0"),
@@ -114,6 +119,7 @@ def test_words_override_a_file_before_its_values_are_checked(tmp_path):
         (["--agent", "dqn", "--set", "agent.rat=1"], "dqn has no setting rat: did you mean rate"),
         (["--save-every", "0"], "save-every must be positive, got 0"),
         (["--ray", "h:1", "--processes", "2"], "--processes and --ray exclude each other"),
+        (["--device", "cuda", "--body", "kinematic", "--processes", "2"], "runs one job: no --ray"),
         (["--robots", "251"], "or name a cohort size"),
         (["--life", "body@13"], "the life body has the phases 1 to 12, got 'body@13'"),
         (["--proposer", "dqn"], "got 'dqn'; --agent dqn takes it"),
@@ -150,6 +156,7 @@ def test_a_run_in_python_is_that_of_the_command(tmp_path, commands_in_process):
     for wrong in (
         {"robots": "2"}, {"seed": "2"}, {"processes": "1"}, {"brain": "divine"},
         {"save_every": "60"}, {"life": Path("none.toml")},
+        {"set": {"brain.fixed_motors": {0.0, 0.5}}}, {"set": {"brain": BRAINS["steady"]}},
     ):  # fmt: skip
         with pytest.raises(InputError):
             musebot.run(tmp_path / "new", **wrong)

@@ -58,6 +58,7 @@ def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_pa
         (["explore", "dancing"], "there is no task 'dancing'; there are "),
         (["explore", "spot_findng"], "there is no task 'spot_findng'; did you mean spot_finding"),
         (["list", "sarsa_lambd"], "did you mean sarsa_lambda"),
+        (["list", "creative"], "creative is a proposer of the brain, which has no settings"),
         (["list", "nowhere:made"], "no module nowhere"),
         (["list", "feelings"], "there are lives, tasks, brains, agents"),
         (["doctor", "--set", "a=1"], "it needs --agent"),

@@ -11,6 +11,7 @@ from strategies import quick
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
+from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.config import named_brain, read_config, read_life, values_of
 from musebot.protocols.runs.experiment import Experiment, changed, overrides_of
 
@@ -92,8 +93,8 @@ def test_a_file_gives_the_fields_and_the_robots_of_an_experiment(written):
     assert (brain.epsilon, brain.fixed_motors) == (0.1, (0.0, 0.5))
     assert brain.learn_rate == BRAINS["steady"].learn_rate
     assert config.values["kinematics"] == Kinematics(wall="slides")
-    pairs = ("wall_avoidance", "fixed"), ("spot_finding", "creative")
-    assert config.robots == dict(zip(pairs, (2, 4), strict=True))
+    walls, spot = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
+    assert config.robots == {walls: 2, spot: 4}
     named = read_config(written('experiment.brain = "steady"'))
     assert named.values == {"brain": BRAINS["steady"]}
     changed = read_config(written('{"experiment": {"brain": {"noise": 0.5}}}'))

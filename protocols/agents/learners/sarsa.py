@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from ....controller.senses import Senses
+from ...errors import InputError
 from ..settings import Number, Setting, tunable
 from .base import ACTIONS, OnlineLearner, epsilon, epsilon_steps
 from .networks import column
@@ -23,9 +24,9 @@ class SarsaLambda(OnlineLearner):
     in tests, by a random order of actions, fixed for each robot. Traces are kept for `MEMORY`
     steps; those of older steps are below 0.004 with the largest settings, below 2e-7 with the
     defaults. Each tile has its own weight if a tiling has at most `cells` tiles; otherwise a hash
-    of the tile's numbers chooses one of `cells` weights. There are fewer tilings than the source
-    advises, a power of two and at least four times the number of signals, so that signals five
-    places apart are displaced alike.
+    of the tile's numbers chooses one of `cells` weights. The source advises a
+    power of two of tilings, at least four times the number of signals. Here there are 8, so that
+    signals five places apart are displaced alike.
     """
 
     TILINGS, MEMORY = 8, 48
@@ -33,7 +34,7 @@ class SarsaLambda(OnlineLearner):
     def __init__(self, robots: int, senses: Senses, seed: int, **settings: Number) -> None:
         super().__init__(robots, senses, seed, settings)
         if self.inputs > len(_PRIMES):
-            raise ValueError(f"at most {len(_PRIMES)} signals have tiles, got {self.inputs}")
+            raise InputError(f"at most {len(_PRIMES)} signals have tiles, got {self.inputs}")
         setting, self.cells = self.setting, int(settings["cells"])
         self._rate = setting["rate"] / self.TILINGS
         # Tiles that cover a signal; dimensions: robots, tilings, signals.
