@@ -29,9 +29,10 @@ from ..models.arena import ARENA_XML, Dimensions, arena_spec
 from .episode import (
     CONTROL_TIMESTEP,
     Episode,
-    Lifecycle,
+    Stage,
     check_counts,
     check_keywords,
+    check_stage,
     check_state,
     check_stream_state,
     seconds,
@@ -174,7 +175,7 @@ class Environment(control.Environment):
             flat_observation=flat_observation,
         )
         self._step_limit = task.episode.steps
-        self.lifecycle = Lifecycle()
+        self.stage: Stage = "new"
 
     def reset(self, *, options: Mapping[str, Any] | None = None) -> dm_env.TimeStep:
         """Starts an episode; `options` may hold `robot` and `spot`, places that replace the task's.
@@ -182,13 +183,13 @@ class Environment(control.Environment):
         Raises TypeError for an unknown option, ValueError for a place outside the arena or in an
         obstacle, RuntimeError where the environment is closed.
         """
-        self.lifecycle.check_open()
+        check_stage(self.stage, "closed")
         self.task.start = self.task.episode.start_with(options)
         timestep = super().reset()
-        self.lifecycle.become("failed")  # until the pose has been found stable
+        self.stage = "failed"  # until the pose has been found stable
         # Not in `initialize_episode`, which is called before the pose is in the sensors.
         self.task.end_step(self.physics)
-        self.lifecycle.become("running")
+        self.stage = "running"
         return timestep
 
     def step(self, action: Any) -> dm_env.TimeStep:
@@ -199,24 +200,22 @@ class Environment(control.Environment):
           PhysicsError: The simulation became unstable; then `reset` must be called.
           RuntimeError: The environment is closed or has failed.
         """
-        if not self.lifecycle.running and self.lifecycle.stage != "new":
-            self.lifecycle.refuse()
+        check_stage(self.stage, "failed", "closed")
         try:
             return super().step(action)
         except control.PhysicsError:
-            self.lifecycle.become("failed")
+            self.stage = "failed"
             raise
 
     def close(self) -> None:
         """Frees the renderer and the physics; the environment cannot be used any more."""
-        if self.lifecycle.stage != "closed":
-            self.lifecycle.become("closed")
+        if self.stage != "closed":
+            self.stage = "closed"
             self.physics.free()
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on; RuntimeError if closed or failed."""
-        if self.lifecycle.stage in ("closed", "failed"):
-            self.lifecycle.refuse()
+        check_stage(self.stage, "failed", "closed")
         return self._state()
 
     def _state(self) -> dict[str, Any]:
@@ -231,8 +230,8 @@ class Environment(control.Environment):
 
     def check_state(self, state: Mapping[str, Any], random: Random) -> None:
         """Raises what `set_state` would raise, and changes nothing."""
-        self.lifecycle.check_open()
-        check_state(state, {**self._state(), "random": {}})
+        check_stage(self.stage, "closed")
+        check_state(state, self._state())
         check_counts("steps", [state["steps"]], [self.task.episode.most_steps])
         check_stream_state(random, state["random"])
         self.physics.dimensions.check_standing(state["physics"][None], state["sensordata"])
@@ -252,7 +251,7 @@ class Environment(control.Environment):
         if episode.life:
             self.task.enter(episode.leg_of(self.task.steps).phase.world, self.physics)
         self.task.end_step(self.physics)
-        self.lifecycle.become("running")
+        self.stage = "running"
 
     @property
     def physics(self) -> Physics:

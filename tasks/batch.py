@@ -1,7 +1,7 @@
 """Robots in lockstep, each alone in its arena, on `mujoco.rollout`.
 
 Model, rules and times of sensing are those of the dm_control tasks: a batch of one equals the
-environment bit-exactly (tests/tasks/test_robots.py).
+environment bit-exactly (tests/tasks/test_gymnasium_env.py).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from mujoco import rollout
 
 from ..models import Dimensions, robot_pose, robot_qpos
-from .episode import CONTROL_TIMESTEP, real_numbers, whole_number
+from .episode import CONTROL_TIMESTEP, check_state, real_numbers, whole_number
 from .rules import Rules
 from .world import World
 
@@ -146,26 +146,13 @@ class Robots(abc.ABC):
 
         Raises ValueError where an array is missing or has a wrong shape or type; nothing changes.
         """
-        own, given = self.arrays(), {}
-        if not isinstance(arrays, Mapping):
-            raise ValueError(f"a state must have the arrays {[*own]}, got {arrays!r:.60}")
+        own = self.arrays()
+        check_state(arrays, own)
         for name, target in own.items():
-            value = arrays.get(name)
-            with contextlib.suppress(ValueError):  # raised for parts of different lengths
-                array = np.asarray(value)
-                fits = np.can_cast(array.dtype, target.dtype, "same_kind")
-                if array.shape == target.shape and fits:
-                    given[name] = array
-            if name not in given:
-                raise ValueError(
-                    f"{name} must have shape {target.shape} and type {target.dtype}, "
-                    f"got {getattr(value, 'shape', value)!r:.60}"
-                )
-        for name, target in own.items():
-            target[:] = given[name]
+            target[:] = arrays[name]
 
     def stop(self, robots: np.ndarray) -> None:
-        """Makes robots invalid, given as indices, shape (n,), or as a mask, shape (B,)."""
+        """Makes the robots with these indices, shape (n,), invalid."""
         self.valid[robots] = False
         self.sensordata[robots] = 0
 

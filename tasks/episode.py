@@ -1,7 +1,7 @@
 """What an episode is, for every interface: its start, actions, length, random stream and states.
 
-The dm_control environment, the Gymnasium environment and the batch of Gymnasium build an `Episode`
-and hold a `Lifecycle`, so that they refuse the same values with the same messages.
+The dm_control environment, which Gymnasium's drives, and the batch of Gymnasium build an `Episode`
+and have a `Stage`, so that they refuse the same values with the same messages.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import dataclasses
 import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 CONTROL_TIMESTEP = 0.1  # [s]; the cycle time of section 3
 
+# An environment is "new" until the first reset, then "running"; a PhysicsError makes it "failed"
+# until the next reset. Only Gymnasium's environment can be reset after "closed".
 Stage = Literal["new", "running", "failed", "closed"]
+NOT_RUNNING: tuple[Stage, ...] = ("new", "failed", "closed")
 _REFUSALS: Mapping[Stage, str] = {
     "new": "reset must be called before the first step",
     "failed": "reset must be called after a PhysicsError, before the next step",
@@ -78,25 +81,20 @@ class Episode:
         return start
 
     @functools.cached_property
-    def _legs(self) -> Mapping[int, Leg]:
-        return {leg.start: leg for leg in self.life.legs()} if self.life else {}
-
-    @functools.cached_property
-    def _starts(self) -> Sequence[int]:
-        return [*self._legs]
+    def _legs(self) -> Sequence[Leg]:
+        return self.life.legs() if self.life else ()
 
     def leg_from(self, step: int) -> Leg | None:
         """Returns the stretch of the life that begins at control step `step`, None if none does."""
-        return self._legs.get(step)
+        leg = self.leg_of(step) if self.life else None
+        return leg if leg and leg.start == step else None
 
     def leg_of(self, step: int) -> Leg:
         """Returns the stretch of the life that contains control step `step`; at the end, the last.
 
-        Raises ValueError for an episode that is not a life.
+        Only for an episode that is a life.
         """
-        if not self._starts:
-            raise ValueError(f"an episode of {self.task} is no life")
-        return self._legs[self._starts[bisect.bisect_right(self._starts, step) - 1]]
+        return self._legs[bisect.bisect_right(self._legs, step, key=lambda leg: leg.start) - 1]
 
     def jumps(self, step: Any) -> Any:
         """Returns whether the spot jumps at the start of control step number `step`, from 0."""
@@ -125,43 +123,10 @@ class Episode:
         return np.clip(values, -self.limit, self.limit) * (0.5 / self.limit)
 
 
-class Lifecycle:
-    """The states of an environment: "new", then "running" from each reset on, until it fails.
-
-    A PhysicsError makes it "failed" until the next reset; `close` makes it "closed" for ever,
-    except in `ArenaEnv`, which `reset` opens again.
-
-    Attributes:
-      stage: State of the environment: "new", "running", "failed" or "closed".
-    """
-
-    def __init__(self) -> None:
-        """Starts in the stage "new"."""
-        self.stage: Stage = "new"
-
-    @property
-    def running(self) -> bool:
-        """Whether an episode is under way."""
-        return self.stage == "running"
-
-    def become(self, stage: Stage) -> None:
-        """Changes the state; RuntimeError if it is "closed"."""
-        self.check_open()
-        self.stage = stage
-
-    def check_open(self) -> None:
-        """Raises RuntimeError if the environment is closed."""
-        if self.stage == "closed":
-            self.refuse()
-
-    def check_running(self) -> None:
-        """Raises RuntimeError unless an episode is under way."""
-        if not self.running:
-            self.refuse()
-
-    def refuse(self) -> NoReturn:
-        """Raises RuntimeError, which says what must be done before the next step."""
-        raise RuntimeError(_REFUSALS[self.stage])
+def check_stage(stage: Stage, *refused: Stage) -> None:
+    """Raises RuntimeError, which says what must be done, if an environment's stage is refused."""
+    if stage in refused:
+        raise RuntimeError(_REFUSALS[stage])
 
 
 def check_keywords(
@@ -242,7 +207,7 @@ def set_stream_state(random: Random, state: Any) -> None:
 def check_state(state: Any, like: Mapping[str, Any]) -> None:
     """Raises ValueError unless a state has the keys, types and shapes of the state `like`.
 
-    Strings must be equal; lists must be equally long, unless the one in `like` is empty.
+    Strings must be equal; lists must be equally long.
     """
     if not isinstance(state, Mapping) or set(state) != set(like):
         got = sorted(map(str, state)) if isinstance(state, Mapping) else type(state).__name__
@@ -254,7 +219,7 @@ def check_state(state: Any, like: Mapping[str, Any]) -> None:
             raise ValueError(f"state[{name!r}] must be of type {kinds[0]}, got {kinds[1]}")
         if isinstance(own, str) and given != own:
             raise ValueError(f"state[{name!r}] must be {own!r}, got {given!r:.60}")
-        if isinstance(own, list) and own and len(given) != len(own):
+        if isinstance(own, list) and len(given) != len(own):
             raise ValueError(f"state[{name!r}] must have {len(own)} parts, got {len(given)}")
         if isinstance(own, np.ndarray) and (given.shape, given.dtype) != (own.shape, own.dtype):
             wanted, got = (f"{one.dtype} of shape {one.shape}" for one in (own, given))

@@ -160,6 +160,8 @@ class Life(Checked):
           rules: Rules of the life's task; they say which worlds are possible.
           dimensions: Dimensions of the arena, in which all places must lie.
         """
+        if self.phases[0].robot is None:
+            Start((0.0, 0.0, 0.0)).check(dimensions)
         for phase in self.phases:
             robot = None if phase.robot == "random" else phase.robot
             spot = None if phase.spot == "random" else phase.spot

@@ -81,7 +81,10 @@ def _check_rules(batch: Batch) -> None:
     rules, everyone = batch.rules, np.arange(batch.robots)
     try:
         declared = {**rules.shapes, "the reward": (1, *rules.rewards)}.values()
-        sound = all(length >= 1 and low <= high for length, low, high in declared)
+        sound = bool(rules.shapes) and all(
+            isinstance(length, int | np.integer) and length >= 1 and low <= high
+            for length, low, high in declared
+        )
     except (AttributeError, TypeError, ValueError):
         sound = False
     if not sound:

@@ -1,7 +1,8 @@
 """Sensor signals of the paper: pure, vectorised functions of what MuJoCo measures.
 
-The dm_control tasks and the batches of robots all call them; there is no other definition. They
-take arrays of NumPy, or tensors of PyTorch on any device, and return the same kind.
+The dm_control tasks and the batches of robots all call them; only `compiled_equations.py` repeats
+Eq. 2 and Eq. 3, for Numba. They take arrays of NumPy, or tensors of PyTorch on any device, and
+return the same kind.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ except ModuleNotFoundError as error:
         f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
     ) from error
 
-from ..gymnasium_registration import EPISODE_STEPS, GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
+from ..gymnasium_registration import GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv
 from .gymnasium_env.common import FPS, LIFE_INFO, task_name
 from .suite import LIFE_DOMAIN
@@ -42,16 +42,16 @@ class ArenaVecEnv(VecEnv):
           **kwargs: Keywords of `ArenaVectorEnv` except `autoreset_mode`; `max_episode_steps` is by
             default that of the task, 1,000 in the suite.
         """
-        is_life = task in (LIFE_DOMAIN, LIFE_ID)
-        name = LIFE_DOMAIN if is_life else task_name(task)
-        steps = None if is_life else EPISODE_STEPS.get(name, USUAL_STEPS)
+        name = LIFE_DOMAIN if task in (LIFE_DOMAIN, LIFE_ID) else task_name(task)
+        ids = {task: f"musebot/{name}" for name, task in GYMNASIUM_TASKS.items()}
+        spec = gymnasium.registry.get({**ids, LIFE_DOMAIN: LIFE_ID}.get(name, ""))
+        steps = spec.max_episode_steps if spec else USUAL_STEPS
         kwargs = {"max_episode_steps": steps, **kwargs}
         mode = AutoresetMode.SAME_STEP
         self._robots = ArenaVectorEnv(name, num_envs, autoreset_mode=mode, **kwargs)
         self._actions = np.zeros((num_envs, 2), dtype=np.float32)
         robots = self._robots
-        ids = {task: f"musebot/{name}" for name, task in GYMNASIUM_TASKS.items()}
-        robots.spec = gymnasium.registry.get(LIFE_ID if is_life else ids.get(name, ""))
+        robots.spec = spec
         super().__init__(num_envs, robots.single_observation_space, robots.single_action_space)
         metadata: dict[str, Any] = self.metadata
         metadata["render_fps"] = FPS  # `VecVideoRecorder` reads it

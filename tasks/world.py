@@ -22,7 +22,7 @@ class World(Checked):
     """The conditions in a phase of a life; the default changes nothing.
 
     Robots receive no signal that names the world. A world changes what reaches motors and brain,
-    not the simulator, so it works alike in every simulator.
+    not the simulator; on a GPU, only the default is possible.
 
     Attributes:
       wheels: Matrix (a, b, c, d). For motor values l and r, the left wheel receives a l + b r, the
@@ -111,7 +111,7 @@ class WorldRules(Rules):
         sensed = {name for kind in self.shapes for name in sensor_names(kind, 1)}
         for name, *_ in self.world.sensors:
             if name not in sensed:
-                names = ", ".join(sorted(sensed))
+                names = ", ".join(sorted(sensed & {*SENSORS})) or "none that can be wrong"
                 raise ValueError(f"the sensors of this task are {names}, got {name!r}")
         if self.world.nose and "nose" not in self.shapes:
             raise ValueError("the robot of this task has no single nose, which a world could turn")

@@ -13,7 +13,7 @@ import numpy as np
 from ...models.arena import heading
 from ...models.physics import Physics
 from ...models.rendering import has_display, no_window
-from ..episode import Lifecycle, check_counts, check_state
+from ..episode import NOT_RUNNING, check_counts, check_stage, check_state
 from .common import FPS, PICTURE, check_render_mode, checked_task, life_info, picture_of, spaces
 
 
@@ -49,7 +49,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
           width: Width of the picture in pixels.
           height: Height of the picture in pixels.
           **kwargs: Keywords of the task: `robot`, `spot`, `nose` (see `arena.Settings`), or
-            `life`, the name of a life or a `Life`, for the task "life".
+            `life`, for the task "life": the name of a life, its TOML file or a `Life`.
 
         Raises TypeError for an unknown keyword, ValueError for an unknown task or a value out of
         range, RuntimeError for the mode "human" where no window can be opened.
@@ -105,8 +105,8 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         environment = self._environment
         environment.task.episode.start_with(options)  # refuses before anything changes
-        if environment.lifecycle.stage == "closed":
-            environment.lifecycle = Lifecycle()
+        if environment.stage == "closed":
+            environment.stage = "new"
         super().reset(seed=seed)
         environment.task.reseed(self.np_random)
         timestep = environment.reset(options=options)
@@ -122,7 +122,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         does, and RuntimeError before a reset and after the end of a life.
         """
         environment = self._environment
-        environment.lifecycle.check_running()
+        check_stage(environment.stage, *NOT_RUNNING)
         if environment.task.steps >= environment.task.episode.steps:
             raise RuntimeError("reset must be called after the end of a life")
         timestep = environment.step(action)
@@ -141,7 +141,7 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         shape (height, width). "rgbd_tuple": both. "human": None. Raises RuntimeError where OpenGL
         cannot be opened, or the environment is closed.
         """
-        self._environment.lifecycle.check_open()
+        check_stage(self._environment.stage, "closed")
         if self.render_mode is None:
             return None
         if self.mujoco_renderer is None:
@@ -152,19 +152,17 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def close(self) -> None:
         """Closes the window, and frees the renderer; only `reset` opens the environment again."""
-        lifecycle = self._environment.lifecycle
         if self.mujoco_renderer is not None:
             self.mujoco_renderer.close()
             self.mujoco_renderer = None
-        if lifecycle.stage != "closed":
-            lifecycle.become("closed")
+        self._environment.stage = "closed"
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on, see `arena.Environment.get_state`.
 
         It lacks the step count of Gymnasium's wrapper TimeLimit.
         """
-        self._environment.lifecycle.check_running()
+        check_stage(self._environment.stage, *NOT_RUNNING)
         own = {"counts": list(self._counts), "seed": self.np_random_seed}
         return self._environment.get_state() | own
 

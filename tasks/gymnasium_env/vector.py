@@ -18,8 +18,10 @@ from gymnasium.vector.utils import batch_space
 from ...models.physics import Physics
 from ..batch import Batch, CapacityError
 from ..episode import (
-    Lifecycle,
+    NOT_RUNNING,
+    Stage,
     check_counts,
+    check_stage,
     check_state,
     check_stream_state,
     checked_length,
@@ -124,7 +126,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         self.render_mode = render_mode
         self._picture = picture_of(self._batch.model, **picture)
         self._painter: Physics | None = None
-        self._lifecycle = Lifecycle()
+        self._stage: Stage = "new"
         self._first_spots = self._batch.spot  # of the model
         self._nose = Nose(spot_radius=self._batch.dimensions.spot_radius)
         streams = [seeding.np_random() for _ in range(num_envs)]
@@ -181,7 +183,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         TypeError for an unknown option, ValueError for a wrong number of seeds, a wrong mask or an
         impossible place, gymnasium.error.Error for a negative seed, RuntimeError after `close`.
         """
-        self._lifecycle.check_open()
+        check_stage(self._stage, "closed")
         places = dict(options or {})
         mask = self._mask(places.pop("reset_mask", None))
         start = self._episode.start_with(places)
@@ -200,7 +202,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
             self._randoms[robot], self._seeds[robot] = pair
         self._begin(np.flatnonzero(mask), start)
         self._over[mask] = False
-        self._lifecycle.become("running")
+        self._stage = "running"
         return self._observations(), self._info(mask)
 
     def step(self, actions: np.ndarray) -> _Timestep:
@@ -217,7 +219,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
           RuntimeError: There was no reset; the batch is closed; or, with AutoresetMode.DISABLED, a
             robot was not reset after its episode had ended.
         """
-        self._lifecycle.check_running()
+        check_stage(self._stage, *NOT_RUNNING)
         starting = np.flatnonzero(self._over)  # never with SAME_STEP
         motors = self._episode.batch_motors(actions, self.num_envs, starting)
         if len(starting) and self._mode is AutoresetMode.DISABLED:
@@ -250,7 +252,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         try:
             batch.step(motors)
         except CapacityError as error:
-            self._lifecycle.become("failed")
+            self._stage = "failed"
             raise PhysicsError(str(error)) from error
         self._check_sound(batch.valid)
         self._steps += 1
@@ -261,7 +263,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
     def _check_sound(self, sound: Any) -> None:
         """Raises PhysicsError unless `sound`, Booleans of shape (B,), is True for all robots."""
         if not sound.all():
-            self._lifecycle.become("failed")
+            self._stage = "failed"
             broken = np.flatnonzero(~sound).tolist()
             raise PhysicsError(f"the simulation of the robots {broken} became unstable")
 
@@ -271,7 +273,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         `robots` are their numbers; None for all. Raises IndexError where there is no such robot,
         RuntimeError where the batch is closed.
         """
-        self._lifecycle.check_open()
+        check_stage(self._stage, "closed")
         if self.render_mode != "rgb_array":
             return None
         batch = self._batch
@@ -285,14 +287,14 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
 
     def close_extras(self, **kwargs: Any) -> None:
         """Frees the renderer; the batch cannot be used any more."""
-        self._lifecycle.become("closed")
+        self._stage = "closed"
         if self._painter is not None:
             self._painter.free()
             self._painter = None
 
     def get_state(self) -> dict[str, Any]:
         """Returns everything that the next steps depend on; RuntimeError unless running."""
-        self._lifecycle.check_running()
+        check_stage(self._stage, *NOT_RUNNING)
         return self._state()
 
     def _state(self) -> dict[str, Any]:
@@ -313,7 +315,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         Raises ValueError for a state of another task or number of robots, or of robots that do not
         stand in the arena; nothing has changed then. Raises RuntimeError where the batch is closed.
         """
-        self._lifecycle.check_open()
+        check_stage(self._stage, "closed")
         self._check_state(state)
         for random, one in zip(self.np_random, state["randoms"], strict=True):
             set_stream_state(random, one)
@@ -324,11 +326,10 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         )
         if self._episode.life:
             self._batch.enter(self._episode.leg_of(int(self._steps[0])).phase.world)
-        self._lifecycle.become("running")
+        self._stage = "running"
 
     def _check_state(self, state: Mapping[str, Any]) -> None:
-        randoms: list[Any] = [None] * self.num_envs
-        check_state(state, {**self._state(), "batch": {}, "randoms": randoms})
+        check_state(state, self._state())
         batch = state["batch"]
         check_state(batch, self._batch.arrays())
         self._batch.dimensions.check_standing(batch["state"], *batch.values())
@@ -356,7 +357,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
                 f"reset_mask must be an array of {self.num_envs} Booleans, one of them True, "
                 f"got {mask!r:.200}"
             )
-        if not self._lifecycle.running and not mask.all():
+        if self._stage != "running" and not mask.all():
             raise ValueError(
                 f"reset_mask must be True for all robots before an episode is under way, got {mask}"
             )

@@ -16,7 +16,7 @@ import musebot
 from musebot import gymnasium_registration as registration
 from musebot.models import Kinematics, add_velocity, hide_spot
 from musebot.tasks import make_batch, make_kinematic_batch, suite
-from musebot.tasks.lives import LIVES
+from musebot.tasks.lives import LIVES, Life, Phase
 from musebot.tasks.spot_finding import SpotFindingRules
 from musebot.tasks.tensors.robots import KinematicTensors
 from musebot.tasks.wall_avoidance import DrivingRules, WallAvoidanceRules
@@ -212,6 +212,7 @@ WRONG = [
       for change in REWARDS.values()],
     ("mine", type("Bare", (WallAvoidanceRules,), {"rewards": (0.0, -1.0)}), {},
      "Bare must declare shapes"),
+    ("mine", type("Empty", (WallAvoidanceRules,), {"shapes": {}}), {}, "Empty must declare shapes"),
     *[("mine", Still, edited(lambda spec, name=name: spec.delete(spec.sensor(name))), name)
       for name in ("touch", "back")],
     ("mine", Still, edited(renamed), "the sensors front, back, left, right must follow each other"),
@@ -358,6 +359,20 @@ def test_the_example_of_the_page_runs_and_other_processes_find_its_task(tmp_path
         printed.append(done.stdout)
     assert printed[0].split("(")[1:] == ["6,) ", "8, 6) ", "8,) 1000\n"]
     assert 0 <= float(printed[0].split()[0]) <= 1
+
+
+def test_a_life_in_a_task_of_ones_own_does_not_begin_inside_an_obstacle():
+    def pillar(spec):
+        body = spec.worldbody.add_body(name="obstacle_1")
+        body.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.04, 0.03, 0])
+
+    musebot.register_task("pillar", Still, edits=(pillar,))
+    from musebot.tasks.gymnasium_env import ArenaEnv
+
+    beside, inside = (Phase(robot=robot) for robot in ((0.3, 0.0, 0.0), None))
+    ArenaEnv("life", life=Life("own", "Own", "pillar", (beside,)))
+    with pytest.raises(ValueError, match="robot"):
+        ArenaEnv("life", life=Life("own", "Own", "pillar", (inside,)))
 
 
 def test_an_obstacles_geom_may_have_any_name_and_a_robot_no_shell_to_show_its_reward():

@@ -166,11 +166,9 @@ def test_b_robots_do_what_b_single_ones_do(make):
 def copies(make, batch):
     """Yields copies of robots, made in every way."""
     state = batch.get_state()
-    lists = {name: array.tolist() for name, array in state.items()}
-    for one in (pickle.loads(pickle.dumps(state)), lists):
-        other = make(batch.robots)
-        other.set_state(one)
-        yield other
+    other = make(batch.robots)
+    other.set_state(pickle.loads(pickle.dumps(state)))
+    yield other
     if not is_tensor(batch):  # which are restored from states
         yield copy.deepcopy(batch)
         yield pickle.loads(pickle.dumps(batch))
@@ -200,8 +198,8 @@ REFUSED = [
     ("place_spot", ([0], [["a", "b"]]), r"spots must be real numbers of shape \(1, 2\)"),
     ("place_spot", ([0], 10**400), "spots must be real numbers"),
     ("step", (np.zeros((1, 2)),), r"motors must .*shape \(3, 2\)"),
-    ("set_state", (None,), "a state must have the arrays"),
-    ("set_state", ({},), "must have shape .*, got None"),
+    ("set_state", (None,), "state must have the keys .*, got NoneType"),
+    ("set_state", ({},), r"state must have the keys .*, got \[\]"),
 ]
 
 
@@ -217,7 +215,7 @@ def test_a_refused_call_changes_nothing(make):
         with pytest.raises(ValueError, match=sentence):
             getattr(batch, name)(*given)
     for name, wrong in itertools.product(state, WRONG):
-        with pytest.raises(ValueError, match=f"{name} must have shape"):
+        with pytest.raises(ValueError, match=rf"state\['{name}'\] must be of type ndarray"):
             batch.set_state({**state, name: wrong})
     for key, array in batch.get_state().items():
         np.testing.assert_array_equal(array, before[key])

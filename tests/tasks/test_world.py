@@ -131,6 +131,7 @@ def test_driving_is_rewarded_alike_in_both_simulators_and_as_its_task_rewards_it
         ("wall_avoidance", World(nose=90), "has no single nose"),
         ("spot_finding_two_noses", World(nose=90), "has no single nose"),
         ("spot_finding", World(sensors=(("left", 0, 0),)), "sensors of this task are nose, got"),
+        ("spot_finding_two_noses", World(sensors=(("nose", 0, 0),)), "are none that can be wrong"),
         ("spot_finding_walls", World(rewarded="driving"), "only the task spot_or_driving can"),
     ],
 )
