@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-
 # Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
 GYMNASIUM_TASKS = {
     "WallAvoidance-v0": "wall_avoidance",
@@ -35,15 +33,12 @@ def register_gymnasium() -> None:
     Raises:
       ModuleNotFoundError: Gymnasium is not installed.
     """
-    promptless = "PYGAME_HIDE_SUPPORT_PROMPT" in os.environ
     try:
         import gymnasium
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             "gymnasium is not installed; pip install 'musebot[gym]' gets it", name=error.name
         ) from error
-    if not promptless:  # Gymnasium sets it; importing musebot must change no environment variable
-        os.environ.pop("PYGAME_HIDE_SUPPORT_PROMPT", None)
     kinds = {f"musebot/{name}": task for name, task in GYMNASIUM_TASKS.items()}
     for name, task in {**kinds, LIFE_ID: "life"}.items():
         if name in gymnasium.registry:

@@ -8,13 +8,10 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from .parameters import PROPOSERS, Parameters, Proposer
+from .parameters import PROPOSERS, Parameters
 from .presets import BRAINS, INGREDIENTS
 
 if TYPE_CHECKING:
-    from .creative_memory import CreativeMemory, NoisePatterns
-    from .evaluation_network import EvaluationNetwork
-    from .networks import Networks
     from .neurocontroller import Neurocontroller
     from .senses import Senses, Signal
 
@@ -22,23 +19,14 @@ __all__ = [
     "BRAINS",
     "INGREDIENTS",
     "PROPOSERS",
-    "CreativeMemory",
-    "EvaluationNetwork",
-    "Networks",
     "Neurocontroller",
-    "NoisePatterns",
     "Parameters",
-    "Proposer",
     "Senses",
     "Signal",
 ]
 
 _NEED_TORCH = {
-    "CreativeMemory": "creative_memory",
-    "EvaluationNetwork": "evaluation_network",
-    "Networks": "networks",
     "Neurocontroller": "neurocontroller",
-    "NoisePatterns": "creative_memory",
     "Senses": "senses",
     "Signal": "senses",
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, get_args
+from typing import Literal
 
 from ..fields import Checked, choice, flag, number, numbers, whole
 
@@ -13,8 +13,7 @@ Bootstrap = Literal["on_policy", "max"]
 OptimizerName = Literal["sgd", "adam"]
 MemoryTarget = Literal["selected", "best"]
 NoisyConnections = Literal["anew", "fixed"]
-Proposer = Literal["fixed", "random", "creative"]
-PROPOSERS: tuple[Proposer, ...] = get_args(Proposer)
+PROPOSERS = ("fixed", "random", "creative")
 
 # Far beyond useful values: a larger number is a typing error, and would hang or overflow.
 _MOST_IDEAS, _MOST_NEURONS, _MOST_STEPS = 10_000, 1000, 10**6

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 
 import torch
@@ -33,11 +32,6 @@ class Signal:
             raise ValueError(f"maximal must be positive, got {self.maximal}")
         if self.maximal is not None and self.low < 0:
             raise ValueError(f"a signal that saturates is not negative, got low {self.low}")
-
-    @property
-    def saturated(self) -> float:
-        """The signal at maximal smell; infinity where the signal does not saturate."""
-        return self.maximal / (1 + self.maximal) if self.maximal else math.inf
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,23 +1,23 @@
-"""Functions that take arrays of NumPy, or of a library that computes on a GPU."""
+"""Functions that take arrays of NumPy, or tensors of PyTorch on any device."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 
-def namespace(array: Any) -> Any:
-    """Returns `numpy` for its own arrays, else the array API of the array's library.
+def namespace(values: Any) -> Any:
+    """Returns the module `torch` for tensors, else `numpy`: functions that have equal names."""
+    if not _are_tensors(values):
+        return np
+    import torch  # not needed by those who only load a task
 
-    NumPy's functions take less time than their counterparts of the array API, which wrap them.
-    """
-    return np if isinstance(array, np.ndarray) else array_namespace(array)
+    return torch
 
 
-# The array API turns a number into an array first, which on a GPU is a copy from the host in every
-# call. The functions below hand the number to the kernel.
+# A number that becomes a tensor first would be a copy from the host in every call, on a GPU. The
+# functions below hand the number to the kernel.
 
 
 def at_least(values: Any, lowest: float) -> Any:

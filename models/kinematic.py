@@ -115,7 +115,7 @@ def drive(
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             shares = (xp.copysign(room, step) - start) / step
         shares = replaced(shares, step == 0, 1.0)
-        share = at_most(at_least(xp.min(shares, axis=0), 0.0), 1.0)
+        share = at_most(at_least(xp.amin(shares, axis=0), 0.0), 1.0)
         held = start + share * step
         if how.wall == "slips":
             met = (shares <= share) & (share < 1)

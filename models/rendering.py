@@ -111,15 +111,15 @@ def choose_backend() -> str:
 
 
 def _chosen_backend() -> str:
-    chosen = os.environ.get("MUJOCO_GL")
-    backend = "" if chosen is None else chosen.lower()
+    chosen = os.environ.get("MUJOCO_GL", "")
+    backend = chosen.lower()
     if backend in DRAWS_NOTHING:
         raise RuntimeError(f"MUJOCO_GL is {chosen!r}, with which nothing is drawn: unset it")
     if backend == "egl":
         _egl_context()
     if backend in ("egl", "osmesa") or sys.platform != "linux" or not (reason := no_window()):
         return backend
-    if chosen is not None:
+    if chosen:
         raise RuntimeError(f"MUJOCO_GL is {chosen!r}, but {reason}: unset it, or set it to 'egl'")
     _egl_context()
     os.environ["MUJOCO_GL"] = "egl"

@@ -10,7 +10,8 @@ EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 # Modules that an extra installs (pip install 'musebot[EXTRA]'), by extra; not all are listed.
 _EXTRAS = {
     "baselines": "stable_baselines3",
-    "brain": "PIL imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy torch",
+    "brain": "PIL imageio imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy "
+    "torch",
     "cluster": "ray",
     "gym": "gymnasium moviepy",
     "numba": "numba",

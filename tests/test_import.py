@@ -15,7 +15,13 @@ def seen():
 import musebot
 seen()
 """
-CONTROLLER = f"{SEEN}\nmusebot.controller\nseen()\nassert dict(os.environ) == environment"
+CONTROLLER = (
+    f"{SEEN}\nmusebot.controller\nseen()\n"
+    + """
+changed = {name for name, _ in dict(os.environ).items() ^ environment.items()}
+assert changed <= {"PYGAME_HIDE_SUPPORT_PROMPT"}, changed  # Gymnasium sets it
+"""
+)
 LOAD = (
     f"{SEEN}\nmusebot.load('arena', 'wall_avoidance').reset()\nseen()\n"
     + """

@@ -40,8 +40,9 @@ class HandCoded(Agent):
                 f"got {len(senses.state)}"
             )
         self._nose = noses[0] if noses else None
-        # `Informed` undoes errors of the nose, up to rounding.
-        self._maximal = senses.state[noses[0]].saturated - 1e-6 if noses else None
+        if noses and (maximal := senses.state[noses[0]].maximal):
+            # `Informed` undoes errors of the nose, up to rounding.
+            self._inside = maximal / (1 + maximal) - 1e-6
 
     def reset(self) -> None:
         """Does nothing: the policy has no memory."""
@@ -54,7 +55,7 @@ class HandCoded(Agent):
             return np.where(front > self.NEAR, self.TURN, motors)
         smell = state[:, self._nose, None]
         outside = np.where(smell > 0, self.DRIVE, self.TURN)
-        return np.where(smell >= self._maximal, self.STAND, outside)
+        return np.where(smell >= self._inside, self.STAND, outside)
 
     def learn(self, reward: np.ndarray) -> None:
         """Learns nothing."""

@@ -64,7 +64,7 @@ class Condition:
 
     @property
     def _order(self) -> tuple[int, str, int, str]:
-        names, lives = [*map(str, PROPOSERS), self.proposer], [*LIVES, self.task]
+        names, lives = [*PROPOSERS, self.proposer], [*LIVES, self.task]
         return lives.index(self.task), self.task, names.index(self.proposer), self.proposer
 
 

@@ -54,8 +54,9 @@ def decide(agent: Agent, batch: Robots, learning: bool) -> Any:
 
 def _single(values: Any) -> Any:
     """Returns values in single precision, in which brains compute."""
-    xp = namespace(values)
-    return xp.astype(values, xp.float32)
+    if isinstance(values, torch.Tensor):
+        return values.to(torch.float32, copy=True)
+    return values.astype(np.float32)
 
 
 def on_host(values: Any) -> np.ndarray:

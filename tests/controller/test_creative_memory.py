@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from musebot.controller import CreativeMemory, NoisePatterns, Parameters
+from musebot.controller import Parameters
+from musebot.controller.creative_memory import CreativeMemory, NoisePatterns
 
 quick = settings(deadline=None, max_examples=30)
 

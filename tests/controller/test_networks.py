@@ -3,7 +3,7 @@
 import torch
 from scipy import stats
 
-from musebot.controller import Networks
+from musebot.controller.networks import Networks
 
 
 def test_initial_weights_and_biases_are_uniform_and_differ_between_robots():

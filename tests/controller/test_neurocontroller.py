@@ -8,11 +8,11 @@ from musebot.controller import (
     BRAINS,
     PROPOSERS,
     Neurocontroller,
-    NoisePatterns,
     Parameters,
     Senses,
     Signal,
 )
+from musebot.controller.creative_memory import NoisePatterns
 
 SENSES = Senses((Signal(0.0, 1.0, 10.0), *[Signal(-1.0, 1.0)] * 4), Signal(0.0, 1.0, 10.0))
 READINGS = {

@@ -340,13 +340,13 @@ def test_the_users_choice_stands_and_its_failure_is_one_sentence(
 
 
 def test_without_egl_a_picture_is_refused_with_the_remedy_every_time(no_display, monkeypatch):
-    monkeypatch.delenv("MUJOCO_GL")
+    monkeypatch.setenv("MUJOCO_GL", "")  # as if it were unset
     monkeypatch.setitem(sys.modules, "dm_control._render.pyopengl.egl_renderer", None)
     rendering._egl_context.cache_clear()
     for _ in range(2):
         with pytest.raises(RuntimeError, match=f"no headless OpenGL.*`{errors.EGL_REMEDY}`"):
             rendering.choose_backend()
-    assert "MUJOCO_GL" not in os.environ
+    assert os.environ["MUJOCO_GL"] == ""
 
 
 @pytest.mark.parametrize("canvas", [False, True], ids=["environment", "film"])

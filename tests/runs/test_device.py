@@ -13,7 +13,8 @@ import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from musebot.controller import BRAINS, NoisePatterns, Parameters
+from musebot.controller import BRAINS, Parameters
+from musebot.controller.creative_memory import NoisePatterns
 from musebot.models import Kinematics
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.cohort import Cohort

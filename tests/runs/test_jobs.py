@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from helpers import files_below
 
-from musebot.controller import BRAINS, NoisePatterns, Parameters
+from musebot.controller import BRAINS, Parameters
+from musebot.controller.creative_memory import NoisePatterns
 from musebot.protocols.compare.jobs import ArrayJob, simulate_cohort
 from musebot.protocols.errors import RunError
 from musebot.protocols.runs import jobs
