@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 # A busy machine may need longer than hypothesis expects of an example.
-hypothesis.settings.register_profile("musebot", deadline=None)
+hypothesis.settings.register_profile("musebot", deadline=None, max_examples=50)
 hypothesis.settings.load_profile("musebot")
 # Nothing here draws in this process, and without a display looking for OpenGL warns.
 os.environ.setdefault("MUJOCO_GL", "off")

@@ -15,6 +15,15 @@ def files_below(folder, folders=False):
     }
 
 
+def change_physics(folder):
+    """Makes the run in a folder one of another physics."""
+    from musebot.protocols.runs.manifest import MANIFEST
+    from musebot.protocols.storage import read_json, write_json
+
+    content = read_json(folder / MANIFEST)
+    write_json(folder / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+
+
 def snapshot(tensors):
     """Returns copies of tensors by name."""
     return {name: tensor.clone() for name, tensor in tensors.items()}

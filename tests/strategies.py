@@ -1,6 +1,5 @@
 """Strategies of hypothesis that several tests need: worlds, experiments and plans."""
 
-from hypothesis import settings
 from hypothesis import strategies as st
 
 from musebot.controller import PROPOSERS, Parameters
@@ -10,7 +9,6 @@ from musebot.protocols.runs.plan import Plan
 from musebot.tasks.lives import PAPER_LIVES
 from musebot.tasks.world import SENSORS, World
 
-quick = settings(deadline=None, max_examples=50)
 CONDITIONS = tuple(Condition(life, p) for life in PAPER_LIVES for p in PROPOSERS)
 
 shares = st.floats(-1, 1)

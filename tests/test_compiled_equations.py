@@ -96,7 +96,7 @@ WORLDS = st.builds(
 )
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(WORLDS, st.sampled_from(TASKS), st.sampled_from(["inverse", "printed"]), st.data())
 def test_a_compiled_robot_moves_and_senses_as_the_batch(how, task, nose, data):
     speed = data.draw(st.sampled_from([None, 0.1, 0.4]))

@@ -115,7 +115,8 @@ def known():
 
 @pytest.mark.parametrize("name", LIVES)
 def test_a_seeded_life_has_the_arrays_that_it_always_had(name):
-    assert digest_of_life(name) == known()[name]
+    wanted = known()[name]  # or skips
+    assert digest_of_life(name) == wanted
 
 
 if __name__ == "__main__":

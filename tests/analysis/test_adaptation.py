@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from helpers import run_of_rows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,7 +13,10 @@ from musebot.protocols.analysis.adaptation import (
     Adaptation,
     Bounds,
     minutes_of_phases,
+    shares_of,
 )
+from musebot.protocols.runs.conditions import Condition
+from musebot.protocols.runs.run import Robot
 from musebot.tasks.lives import BODY, LIVES
 
 UNIT = Bounds(np.zeros(3), np.ones(3))
@@ -50,6 +54,14 @@ def test_a_long_phase_counts_more_in_the_score_of_a_life():
     life = dataclasses.replace(BODY, phases=tuple(phases))
     shares = np.array([0.2, 0.4, 1.0]).repeat([10, 20, 30])[None]
     assert Adaptation.of(shares, life, UNIT).online == pytest.approx([(0.2 + 0.8 + 3) / 6])
+
+
+def test_an_invalid_robot_never_reaches_the_goal():
+    kinds = ("", "invalid", "")
+    rows = [Robot("body", "creative", 1, 0, i, 0.0, 0.0, 0.5, kind) for i, kind in enumerate(kinds)]
+    run, condition = run_of_rows(rows, minutes=3), Condition("body", "creative")
+    run.results[condition].curves[:] = 0.5
+    assert shares_of(run, condition).tolist() == [[0.5] * 3, [0] * 3, [0.5] * 3]
 
 
 def test_a_robot_that_never_recovers_takes_the_whole_phase():

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -19,7 +19,6 @@ from musebot.protocols.analysis.hypothesis_tests import (
     same_share,
 )
 
-quick = settings(deadline=None, max_examples=50)
 NAN = math.nan
 p_values = st.lists(st.floats(0, 1), min_size=1, max_size=6).map(np.array)
 
@@ -37,7 +36,6 @@ def closed(values):
     ]
 
 
-@quick
 @given(p_values)
 def test_holms_correction_equals_the_closed_test(values):
     assert holm(values) == pytest.approx(closed(values))
@@ -143,7 +141,6 @@ def hypergeometric_tail(a, n, b, m):
     return sum(ways[a:]) / math.comb(robots, n)
 
 
-@quick
 @given(*[st.integers(1, 9).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))] * 2)
 def test_fishers_p_values_equal_counted_tables(first, second):
     (a, n), (b, m) = first, second
@@ -162,7 +159,6 @@ def test_other_shares_are_binomial_tails():
     assert twice.p_for == tail(2 / 3, 9, 10)
 
 
-@quick
 @given(st.floats(-2, 2), st.lists(st.integers(-9, 9), min_size=5, max_size=9))
 def test_a_larger_mean_is_welchs_t_test(margin, values):
     first, second = np.array(values, dtype=float), np.array([27, 22, 20.8, 23.4, 23.4, 9])

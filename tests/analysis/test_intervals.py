@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -16,7 +16,6 @@ from musebot.protocols.analysis.paper_tables import PAPER
 from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.learn_ability import Summary
 
-quick = settings(deadline=None, max_examples=30)
 NAN = math.nan
 Z = 1.959963984540054  # the 97.5th percentile of the normal distribution
 
@@ -29,7 +28,6 @@ def wilson(count, robots):
     return middle - half, middle + half
 
 
-@quick
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
 def test_the_interval_of_a_share_is_that_of_wilson(pair):
     assert intervals.share(*pair) == pytest.approx(wilson(*pair), abs=1e-9)
@@ -174,7 +172,6 @@ def test_newcombes_interval_of_paired_shares_equals_the_textbook():
 pairs = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=80).map(np.array)
 
 
-@quick
 @given(pairs)
 def test_a_difference_of_shares_lies_in_its_interval_and_swapping_mirrors_it(table):
     first, second = table.T

@@ -1,6 +1,7 @@
 """The command line: from words to a verb, and one sentence for what cannot be read."""
 
 import dataclasses
+import importlib
 import os
 import re
 import subprocess
@@ -85,6 +86,20 @@ def test_help_of_a_verb_names_every_option_and_fits_on_a_screen(verb, capsys, mo
         assert max(map(len, lines)) <= 100 and len(lines) <= most
 
 
+@pytest.mark.parametrize("verb", BENCHMARK)
+def test_a_command_its_help_and_its_study_have_the_same_defaults(verb):
+    command = verb_class(verb)
+    module, name = command.study
+    study = getattr(importlib.import_module(f"musebot.protocols.compare.{module}"), name)
+    usual = {field.name: field.default for field in dataclasses.fields(study)}
+    for field in dataclasses.fields(command):
+        if field.name in usual and field.default not in ((), dataclasses.MISSING):
+            assert field.default == usual[field.name]
+            number = isinstance(field.default, float)
+            shown = f"{field.default:g}" if number else field.default
+            assert field.metadata["says"].endswith(f"({shown})")
+
+
 def test_no_word_shows_the_verbs_and_version_the_version(capsys):
     assert cli.main([]) == 0
     text = capsys.readouterr().out
@@ -104,10 +119,11 @@ def test_an_unknown_verb_gets_the_nearest_one(capsys):
 
 
 def fresh(code, **environment):
-    """Runs code in a new process."""
+    """Runs code in a new process; returns what it printed on stderr."""
     command, environment = [sys.executable, "-c", code], os.environ | environment
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+    return done.stderr
 
 
 HEAVY = ("torch", "mujoco", "matplotlib", "scipy", "rich", "safetensors", "jinja2")
@@ -121,9 +137,10 @@ sys.modules.update(dict.fromkeys({HEAVY!r}))
 from musebot.protocols.cli.parser import main
 for words in (["list"], ["run", "--help"], ["--help"], ["--version"]):
     assert main(words) == 0
+del sys.modules["mujoco"]  # the plain install has it
 assert main(["tables", "nowhere"]) == 2
 """
-    fresh(code)
+    assert "pip install 'musebot[brain]' gets it" in fresh(code)
 
 
 def test_a_wrong_mujoco_is_one_sentence_and_exit_status_2(tmp_path):

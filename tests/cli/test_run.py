@@ -12,10 +12,12 @@ from helpers import files_below
 import musebot
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
+from musebot.protocols.cli import options
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli import run as module
 from musebot.protocols.cli.run import Run
 from musebot.protocols.errors import InputError
+from musebot.protocols.machine import cores
 from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.config import READINGS, Config, read_config, read_life
 from musebot.protocols.runs.experiment import Experiment
@@ -135,6 +137,14 @@ def test_bad_input_to_run_is_one_sentence_and_nothing_is_made(words, sentence, t
     message = capsys.readouterr().err
     assert sentence in message and message.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_gpu_runs_one_job_and_a_machine_as_many_as_it_has_cores():
+    numbers = {
+        (n, device): options.executor(n, device=device).processes
+        for n, device in ((None, "cpu"), (3, "cpu"), (None, "cuda"), (1, "cuda"))
+    }
+    assert [*numbers.values()] == [cores(), 3, 1, 1]
 
 
 # What is simulated

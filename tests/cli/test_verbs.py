@@ -10,6 +10,7 @@ from musebot.protocols.agents.names import RECORDED_NAMES
 from musebot.protocols.agents.settings import settings_of
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.cli.listing import NAMES
+from musebot.protocols.pages import viewer
 from musebot.protocols.runs.conditions import Condition
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.plan import Plan
@@ -34,6 +35,23 @@ def test_tables_of_few_robots_stand_alone_and_name_a_rehearsal(run, capsys):
     assert "fewer than 20 robots" in text and "| fixed |" in text and "260 (52%)" not in text
     assert cli.main(["run", str(run)]) == 0  # finished: prints the same, and keeps it
     assert capsys.readouterr().out == text == (run / "tables.md").read_text()
+
+
+def test_exact_classes_are_not_rounded(run, capsys):
+    for words, rounded in (([], True), (["--exact-classes"], False)):
+        assert cli.main(["tables", str(run), *words]) == 0
+        assert ("L is rounded to two decimals" in capsys.readouterr().out) == rounded
+
+
+def test_the_window_gets_the_robot_that_the_command_names(run, monkeypatch):
+    opened = []
+    monkeypatch.setattr(viewer, "explore", lambda *given: opened.append(given))
+    words = f"explore spot_finding --out {run} --proposer creative --robot 1 --phase pre"
+    assert cli.main(words.split()) == 0
+    assert cli.main(["explore", "wall_avoidance", "--random"]) == 0
+    (task, driver), other = opened
+    assert (task, driver.name) == ("spot_finding", "creative, robot 1, pre-training")
+    assert other == ("wall_avoidance", None)
 
 
 def test_two_runs_are_compared_cell_by_cell_and_named_by_their_paths(run, tmp_path, capsys):

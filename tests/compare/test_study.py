@@ -1,6 +1,5 @@
 """Conducting a study: what is done once for all of them, shown with a small one."""
 
-import contextlib
 import dataclasses
 import functools
 import json
@@ -197,27 +196,25 @@ def cohort_job(path):
     return ArrayJob(path / "a.safetensors", work, EXPERIMENT.robot_seconds(STEPS), {})
 
 
-def test_a_job_that_stops_continues_to_the_same_bytes(tmp_path, monkeypatch):
+def test_a_job_that_is_killed_continues_to_the_same_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(runs_jobs, "_CHUNK", 600)  # a minute
-    whole = cohort_job(tmp_path / "whole")
+    monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0)
+    whole, cut = cohort_job(tmp_path / "whole"), cohort_job(tmp_path / "cut")
     assert whole.run(lambda: False, lambda *_: None)
-    for minute, killed in ((0, False), (1, False), (1, True)):
-        cut, calls, reported = cohort_job(tmp_path / f"{minute}{killed}"), iter(range(100)), []
-        if killed:
-            monkeypatch.setattr(jobs, "SAVE_EVERY", 0.0)
+    looks, reported = iter(range(100)), []
 
-        def stop(minute=minute, killed=killed, calls=calls):
-            if (now := next(calls) == minute) and killed:
-                raise KeyboardInterrupt
-            return now
+    def stop():
+        if next(looks) == 1:
+            raise KeyboardInterrupt
+        return False
 
-        with pytest.raises(KeyboardInterrupt) if killed else contextlib.nullcontext():
-            assert cut.run(stop, lambda *_: None) is False
-        assert not cut.done()
-        assert cut.run(lambda: False, lambda seconds, _, to=reported: to.append(seconds))
-        assert reported[0] == minute * 60 * 2 and reported[-1] == cut.cost
-        assert cut.path.read_bytes() == whole.path.read_bytes()
-        assert [*cut.path.parent.iterdir()] == [cut.path]
+    with pytest.raises(KeyboardInterrupt):
+        cut.run(stop, lambda *_: None)
+    assert not cut.done()
+    assert cut.run(lambda: False, lambda seconds, _: reported.append(seconds))
+    assert reported[0] == 60 * 2 and reported[-1] == cut.cost
+    assert cut.path.read_bytes() == whole.path.read_bytes()
+    assert [*cut.path.parent.iterdir()] == [cut.path]
     cut.path.write_bytes(cut.path.read_bytes()[:-1] + b"?")
     with pytest.raises(DamagedFileError):
         cut.read()

@@ -3,14 +3,12 @@
 import pytest
 import torch
 from helpers import recorded
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
 from musebot.controller import Parameters
 from musebot.controller.creative_memory import CreativeMemory, NoisePatterns
-
-quick = settings(deadline=None, max_examples=30)
 
 
 def draw_from(patterns, count):
@@ -90,7 +88,6 @@ def test_held_noise_differs_between_ideas_and_robots_and_is_that_of_the_pool(ste
         assert not (draw_from(memory.patterns, 2000) == 9).any()
 
 
-@quick
 @given(st.integers(1, 60), st.floats(0, 1), st.integers(0, 2**31))
 def test_the_number_of_noisy_connections_is_rounded_but_not_to_zero(connections, share, seed):
     class Small(NoisePatterns):
@@ -174,7 +171,6 @@ def noisy_network(w, pattern, on_biases):
     return w | {n: w[n] + p.view(w[n].shape) for n, p in zip(names, pieces, strict=True)}
 
 
-@quick
 @given(
     robots=st.integers(1, 4),
     sensors=st.integers(1, 5),

@@ -20,7 +20,7 @@ from musebot.controller import (
     Signal,
 )
 
-quick = settings(max_examples=20)
+few = settings(max_examples=20)
 STEADY = BRAINS["steady"]
 SENSES = Senses((Signal(0.0, 1.0, 10.0), Signal(-1.0, 0.0)), Signal(0.0, 1.0, 10.0))
 WALLS = Senses(SENSES.state, Signal(-1.0, 0.0))
@@ -259,7 +259,7 @@ def test_the_papers_checkpoint_has_nothing_of_the_ingredients():
     assert now == {"now.state", "now.action", "now.value", "now.chained"}
 
 
-@quick
+@few
 @given(st.integers(1, 30), st.floats(0, 1, exclude_max=True))
 def test_a_share_of_the_ideas_is_random_and_the_others_are_the_memorys(count, share):
     brain = steady(ideas=count, random_share=share, noise=0.0)  # all of the memory's are equal
@@ -271,7 +271,7 @@ def test_a_share_of_the_ideas_is_random_and_the_others_are_the_memorys(count, sh
     assert not alike[:, own:].any()
 
 
-@quick
+@few
 @given(
     noise=st.sampled_from([0.0, 0.76]),
     noisy_share=st.sampled_from([0.0, 0.25]),

@@ -240,6 +240,14 @@ def test_a_worker_killed_for_want_of_memory_is_one_sentence_and_the_run_continue
     assert files(out) == whole
 
 
+def test_the_workers_of_a_killed_command_end_and_the_run_continues(commands, whole, tmp_path):
+    session, out = begun(commands, tmp_path)
+    os.kill(session, signal.SIGKILL)  # without its workers
+    assert commands.ended(session, 300) == -signal.SIGKILL
+    assert commands.run(words(LONGER, out)) == 0
+    assert files(out) == whole
+
+
 def test_a_deleted_working_directory_is_one_sentence(tmp_path):
     script = (
         "import os, sys; os.rmdir(os.getcwd()); from musebot.__main__ import main; sys.exit(main())"

@@ -15,7 +15,7 @@ from unittest.mock import Mock
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from helpers import random_policy
+from helpers import change_physics, random_policy
 
 from musebot.protocols.cli import parser as cli
 from musebot.protocols.errors import InputError
@@ -23,9 +23,9 @@ from musebot.protocols.pages import film
 from musebot.protocols.pages.panel import HEIGHT, WIDTH
 from musebot.protocols.pages.replay import Episode, Moment
 from musebot.protocols.runs.cohort import Cohort
-from musebot.protocols.runs.manifest import MANIFEST, read_manifest, write_manifest
+from musebot.protocols.runs.manifest import read_manifest, write_manifest
 from musebot.protocols.runs.run_files import read_measured, write_results
-from musebot.protocols.storage import draft_name, read_json, save_arrays, write_json
+from musebot.protocols.storage import draft_name, save_arrays
 from musebot.tasks import make_batch
 
 
@@ -274,8 +274,7 @@ def test_nothing_is_simulated_before_a_refusal(directory, tmp_path, monkeypatch,
 
 def test_another_physics_is_told_once(directory, tmp_path, monkeypatch, capsys):
     shutil.copytree(directory, other := tmp_path / "run")
-    content = read_json(other / MANIFEST)
-    write_json(other / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+    change_physics(other)
     made = []
     monkeypatch.setattr(film, "film", lambda episodes, *_, **__: made.extend(episodes))
     for words, count in (("--phase both", 2), ("--minute 0.1", 1)):

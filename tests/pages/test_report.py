@@ -8,7 +8,7 @@ import shutil
 import subprocess
 
 import pytest
-from helpers import run_of_rows
+from helpers import change_physics, run_of_rows
 
 from musebot import __version__
 from musebot.protocols.cli import parser as cli
@@ -16,10 +16,8 @@ from musebot.protocols.errors import InputError
 from musebot.protocols.pages import film, report, tables
 from musebot.protocols.pages.report import page
 from musebot.protocols.runs.experiment import Experiment
-from musebot.protocols.runs.manifest import MANIFEST
 from musebot.protocols.runs.run import Robot
 from musebot.protocols.runs.run_files import read_run
-from musebot.protocols.storage import write_json
 from musebot.tasks.lives import LIVES
 
 
@@ -74,8 +72,7 @@ def test_a_report_says_that_the_runs_physics_was_another_one(
     directory, tmp_path, monkeypatch, capsys
 ):
     shutil.copytree(directory, other := tmp_path / "run")
-    content = json.loads((other / MANIFEST).read_text())
-    write_json(other / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+    change_physics(other)
     monkeypatch.setattr(report, "report", lambda run, out, output: out / report.PAGE)
     for folder, said in ((directory, False), (other, True)):
         assert cli.main(["report", str(folder)]) == 0

@@ -6,7 +6,6 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import quick
 
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
@@ -145,7 +144,6 @@ PLAIN = st.recursive(
 NAMES = st.sampled_from(["seed", "brain", "kinematics", "body", "time_scale", "device", "settings"])
 
 
-@quick
 @given(st.dictionaries(NAMES, PLAIN), PLAIN)
 def test_any_data_is_read_or_refused_in_one_sentence(tmp_path_factory, experiment, plan):
     path = tmp_path_factory.mktemp("config") / "run.json"

@@ -2,10 +2,11 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import CONDITIONS, experiments, quick
+from strategies import CONDITIONS, experiments
 
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
@@ -53,6 +54,30 @@ def test_an_experiment_has_all_lives_those_of_newborns_and_one_of_its_own():
             Experiment().life_of(name)
 
 
+@pytest.mark.parametrize(
+    ("field", "usual"),
+    [
+        ({"nose": "printed"}, {}),
+        ({"nose_place": "centre"}, {}),
+        ({"motor_speed": 0.1}, {}),
+        ({"motor_torque": "scaled", "motor_speed": 0.1}, {"motor_speed": 0.1}),
+        ({"body": "kinematic"}, {}),
+        ({"body": "kinematic", "kinematics": Kinematics(lag=0.1)}, {"body": "kinematic"}),
+    ],
+    ids=str,
+)
+def test_every_field_of_the_body_changes_what_robots_sense(field, usual):
+    def sensed(**fields):
+        batch = Experiment(**fields).batch("spot_finding", 1)
+        batch.place_spot(np.array([0]), np.array([[0.2, 0.0]]))
+        batch.place(np.array([0]), np.zeros((1, 3)))
+        for _ in range(2):
+            batch.step(np.full((1, 2), 0.5))
+        return batch.rules.state(batch.sensordata)
+
+    assert not np.allclose(sensed(**field), sensed(**usual), atol=1e-4)
+
+
 # Comparison of experiments
 
 
@@ -88,7 +113,6 @@ def test_no_two_cohorts_conditions_or_seeds_share_a_stream():
     assert len({world for _, world in found}) == len(found)
 
 
-@quick
 @given(experiments, st.sampled_from(CONDITIONS), st.integers(0, 1000))
 def test_a_stream_depends_on_seed_condition_and_number_alone(experiment, condition, index):
     key = CohortKey(condition, index)

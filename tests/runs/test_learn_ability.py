@@ -16,7 +16,7 @@ from musebot.protocols.runs.learn_ability import (
     total_variation,
 )
 
-quick = settings(deadline=None, max_examples=200)
+thorough = settings(max_examples=200)
 
 
 def test_a_learn_ability_stands_in_its_row():
@@ -55,7 +55,7 @@ def test_few_robots_have_no_mean_or_no_deviation_and_no_warning():
 columns = st.tuples(*[st.integers(0, 500)] * 5).filter(any).map(lambda c: Summary(c, 0, 0, 0))
 
 
-@quick
+@thorough
 @given(columns, columns)
 def test_total_variation_is_the_share_of_robots_that_stand_in_another_row(first, second):
     common = sum(
@@ -65,7 +65,7 @@ def test_total_variation_is_the_share_of_robots_that_stand_in_another_row(first,
     assert total_variation(first, second) == pytest.approx(float(1 - common), abs=1e-12)
 
 
-@quick
+@thorough
 @given(st.lists(st.one_of(st.floats(-1, 1), st.just(float("nan"))), max_size=20))
 def test_classes_are_those_of_l_rounded_to_two_decimals(abilities):
     for ability, kind in zip(abilities, classes(abilities), strict=True):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given
-from strategies import CONDITIONS, plans, quick
+from strategies import CONDITIONS, plans
 
 from musebot.controller import BRAINS
 from musebot.models import Kinematics
@@ -43,7 +43,6 @@ def content_of(folder):
 # Writing and reading
 
 
-@quick
 @given(plans())
 def test_a_plan_survives_its_manifest(tmp_path_factory, plan):
     folder = tmp_path_factory.mktemp("plan")

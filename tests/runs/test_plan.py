@@ -6,7 +6,7 @@ import gzip
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import CONDITIONS, plans, quick
+from strategies import CONDITIONS, plans
 
 from musebot.controller import BRAINS, Parameters
 from musebot.protocols.agents.names import recorded_name
@@ -46,7 +46,6 @@ def test_an_invalid_plan_is_refused_in_a_sentence():
 # Cohorts
 
 
-@quick
 @given(plans())
 def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_lives_first(plan):
     size, life_of = plan.experiment.cohort_size, plan.experiment.life_of
@@ -56,7 +55,6 @@ def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_
     )
 
 
-@quick
 @given(plans(), plans())
 def test_a_merged_plan_asks_for_the_robots_of_both(plan, other):
     other = Plan.of(plan.experiment, other.robots, plan.experiment.cohort_size * 3)
@@ -66,7 +64,6 @@ def test_a_merged_plan_asks_for_the_robots_of_both(plan, other):
     assert merged == other.merged_with(plan)
 
 
-@quick
 @given(st.integers(1, 5000), st.integers(1, 300))
 def test_the_default_cohort_size_is_the_largest_divisor_up_to_the_most(robots, most):
     largest = max(size for size in range(1, min(most, robots) + 1) if robots % size == 0)

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from musebot.protocols.analysis.comparison import compare_runs
@@ -22,7 +22,6 @@ from musebot.protocols.runs.run import (
 from musebot.protocols.runs.run_files import export_robots
 from musebot.tasks.lives import LIVES
 
-quick = settings(deadline=None, max_examples=50)
 NAN = float("nan")
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 AGENT = Condition("wall_avoidance", "a.b:c")
@@ -47,7 +46,6 @@ def lives(condition, counts, valid):
 pairs = st.lists(st.tuples(st.integers(0, 26), st.integers(0, 26), st.booleans()), min_size=1)
 
 
-@quick
 @example(WALLS, [(0, 0, True)])  # a genius
 @example(SPOT, [(0, 0, True)])  # ignorant
 @given(st.sampled_from([WALLS, SPOT]), pairs)

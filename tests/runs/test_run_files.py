@@ -2,11 +2,11 @@
 
 import csv
 import dataclasses
-import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from helpers import change_physics
+from hypothesis import given
 from hypothesis import strategies as st
 
 from musebot.protocols.errors import DamagedFileError, InputError
@@ -23,9 +23,8 @@ from musebot.protocols.runs.run_files import (
     read_run,
     write_results,
 )
-from musebot.protocols.storage import load_arrays, save_arrays, write_json
+from musebot.protocols.storage import load_arrays, save_arrays
 
-quick = settings(deadline=None, max_examples=40)
 WALLS, SPOT = Condition("wall_avoidance", "fixed"), Condition("spot_finding", "creative")
 AGENT = Condition("spot_finding", "some.where:agent")
 EXPERIMENT = Experiment(seed=1, cohort_size=2, time_scale=0.05)
@@ -84,7 +83,6 @@ def folder(tmp_path):
 # Writing and reading
 
 
-@quick
 @given(measured())
 def test_what_was_measured_survives_the_files(tmp_path_factory, lives):
     folder = written(tmp_path_factory.mktemp("run"), lives)
@@ -94,7 +92,6 @@ def test_what_was_measured_survives_the_files(tmp_path_factory, lives):
     assert contents(read_measured(folder, EXPERIMENT, networks=False)) == contents(without)
 
 
-@quick
 @given(measured(), st.randoms())
 def test_cohorts_joined_in_any_order_leave_the_same_bytes(tmp_path_factory, lives, order):
     cohorts = [
@@ -198,8 +195,7 @@ def test_a_folder_holds_a_plan_or_can_hold_a_new_run_or_is_foreign(folder, tmp_p
 def test_a_replay_tells_of_another_physics_and_runs_mujoco_warps_in_c(folder, tmp_path, capsys):
     read_run(folder, replay=True)
     assert capsys.readouterr().err == ""
-    content = json.loads((folder / MANIFEST).read_text())
-    write_json(folder / MANIFEST, content | {"physics": [0.5, *content["physics"][1:]]})
+    change_physics(folder)
     read_run(folder)
     assert capsys.readouterr().err == ""
     read_run(folder, replay=True)

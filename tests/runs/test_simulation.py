@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import files_below
+from helpers import change_physics, files_below
 
 from musebot.protocols.agents.factory import trust
 from musebot.protocols.agents.names import recorded_name
@@ -29,7 +29,7 @@ from musebot.protocols.runs.simulation import (
     check_same_weights,
     simulate,
 )
-from musebot.protocols.storage import locked, write_json
+from musebot.protocols.storage import locked
 
 BOTH = (Condition("wall_avoidance", "creative"), Condition("spot_finding", "random"))
 
@@ -126,22 +126,29 @@ def test_conditions_that_the_command_does_not_name_wait_and_keep_what_they_have(
     assert contents(tmp_path) == contents(whole[0])
 
 
+def test_robots_that_another_command_adds_before_the_lock_stay(run, whole, tmp_path, monkeypatch):
+    lock = simulation.locked
+
+    def late(folder):
+        monkeypatch.setattr(simulation, "locked", lock)
+        run(folder, plan(conditions=BOTH[1:]))  # the other command
+        return lock(folder)
+
+    monkeypatch.setattr(simulation, "locked", late)
+    run(tmp_path, plan(conditions=BOTH[:1]))
+    assert contents(tmp_path) == contents(whole[0])
+
+
 def test_a_finished_run_is_not_simulated_again_and_says_so(whole, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("musebot.protocols.runs.plan.machine_bytes", lambda: 10)
     monkeypatch.setattr(simulation, "check_device", pytest.fail)  # it needs neither
     shutil.copytree(whole[0], folder := tmp_path / "run")
-    with_other_physics(folder)  # as little
+    change_physics(folder)  # as little
     before = files_below(folder)
     simulate(folder, plan(), pytest.fail)
     assert files_below(folder) == before
     words = "all these robots (all durations times 0.0005; another folder starts another run), so"
     assert words in capsys.readouterr().err
-
-
-def with_other_physics(folder):
-    content = json.loads((folder / MANIFEST).read_text())
-    content["physics"][0] += 1
-    write_json(folder / MANIFEST, content)
 
 
 @pytest.mark.parametrize("begun", [False, True])
@@ -176,7 +183,7 @@ def test_nothing_is_changed_in_a_run_that_cannot_be_continued(
     if damage == "results":
         (directory / RESULTS_FILE).write_bytes(b"damaged")
     if damage == "physics":
-        with_other_physics(directory)
+        change_physics(directory)
     before, executor = files_below(tmp_path), in_process()
     with pytest.raises(InputError, match=words):
         run(directory, plan(seed=seed), executor)

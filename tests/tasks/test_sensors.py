@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from musebot.tasks.sensors import Nose, contact_signal, distance_signal
 
-quick = settings(deadline=None, max_examples=300)
+thorough = settings(max_examples=300)
 FORMS = ("inverse", "printed")
 forms = pytest.mark.parametrize("form", FORMS)
 
@@ -17,7 +17,7 @@ forms = pytest.mark.parametrize("form", FORMS)
 # Distances, Eq. 2
 
 
-@quick
+@thorough
 @given(st.floats(-10, 1e6) | st.just(math.inf))
 @example(0.0)
 @example(-1.0)
@@ -31,7 +31,7 @@ def test_the_distance_signal_is_equation_2_and_0_where_a_ray_hits_nothing(distan
 # Contact
 
 
-@quick
+@thorough
 @given(st.floats(0, exclude_min=True) | st.just(0.0))
 @example(5e-324)
 def test_contact_signals_minus_1_for_every_force_however_small_else_0(force):
@@ -69,7 +69,7 @@ def signal(nose, x, y):
     return float(nose.signal(np.array([x, y])))
 
 
-@quick
+@thorough
 @given(noses, st.floats(0, 1.3), st.floats(-math.pi, math.pi))
 @example(Nose(), 0.0, 0.0)
 @example(Nose(form="printed"), 0.0, 0.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import quick, worlds
+from strategies import worlds
 
 from musebot.models import Dimensions, Kinematics, arena_spec
 from musebot.tasks import make_batch, make_kinematic_batch
@@ -47,7 +47,6 @@ def test_the_default_world_changes_nothing(make):
     np.testing.assert_equal(ours, theirs)
 
 
-@quick
 @given(worlds, st.lists(st.tuples(shares, shares), min_size=1, max_size=3))
 def test_the_wheels_receive_a_clipped_linear_map_of_the_clipped_motors(world, motors):
     found = world.motors(np.array(motors))
@@ -72,7 +71,6 @@ def test_a_reversed_wheel_drives_as_the_inverse_motors_do(make):
 # Senses
 
 
-@quick
 @given(st.floats(-0.4, 0.4), st.floats(-0.25, 0.25), st.floats(-3, 3))
 def test_a_nose_behind_smells_what_the_nose_of_a_robot_that_looks_back_smells(x, y, heading):
     make = MAKERS["kinematic"]
@@ -90,7 +88,6 @@ def test_a_nose_behind_smells_what_the_nose_of_a_robot_that_looks_back_smells(x,
             assert turned.event(batch.sensordata) == rules.event(other.sensordata)
 
 
-@quick
 @given(worlds, st.floats(-0.4, 0.4), st.floats(-0.25, 0.25), st.floats(-3, 3))
 def test_a_wrong_sensor_reads_offset_and_gain_of_its_signal_within_its_range(world, x, y, heading):
     batch, rules = readings(MAKERS["kinematic"], x, y, heading)
