@@ -13,9 +13,9 @@ from __future__ import annotations
 import contextlib
 import importlib
 import pathlib
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from .extras import extra_needed
 from .gymnasium_registration import GYMNASIUM_TASKS, register_gymnasium
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def run(out: str | Path, *, quiet: bool = False, **options: Any) -> Run:
       protocols.errors.InputError: A value is invalid, or the folder holds another experiment or
         files other than a run's.
     """
-    with _brain_needed():
+    with extra_needed():
         return _protocol("cli.run").run(out, quiet=quiet, **options)
 
 
@@ -106,24 +106,13 @@ def load_run(out: str | Path, networks: bool = True) -> Run:
       protocols.errors.InputError: The folder holds no run, no finished robot, damaged files, or,
         although `networks` is True, no networks.
     """
-    with _brain_needed():
+    with extra_needed():
         return _protocol("runs.run_files").read_run(pathlib.Path(out), networks=networks)
 
 
 def _protocol(module: str) -> Any:
     """Imports a module of `protocols` late: those modules import `__version__` from this one."""
     return importlib.import_module(f"{__name__}.protocols.{module}")
-
-
-@contextlib.contextmanager
-def _brain_needed() -> Iterator[None]:
-    """Makes the error for a missing package name the extra that installs the package."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        from .protocols.errors import missing_extra
-
-        raise ModuleNotFoundError(missing_extra(error), name=error.name) from error
 
 
 def register_task(name: str, rules: type[Rules], **settings: Any) -> str:

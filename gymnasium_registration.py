@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from .extras import extra_needed
+
 # Gymnasium ids in the namespace "musebot", and their tasks. A task that changes gets a new version.
 GYMNASIUM_TASKS = {
     "WallAvoidance-v0": "wall_avoidance",
@@ -33,12 +35,8 @@ def register_gymnasium() -> None:
     Raises:
       ModuleNotFoundError: Gymnasium is not installed.
     """
-    try:
+    with extra_needed():
         import gymnasium
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "gymnasium is not installed; pip install 'musebot[gym]' gets it", name=error.name
-        ) from error
     kinds = {f"musebot/{name}": task for name, task in GYMNASIUM_TASKS.items()}
     for name, task in {**kinds, LIFE_ID: "life"}.items():
         if name in gymnasium.registry:

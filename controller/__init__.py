@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from ..extras import extra_needed
 from .parameters import PROPOSERS, Parameters
 from .presets import BRAINS, INGREDIENTS
 
@@ -36,10 +37,5 @@ def __getattr__(name: str) -> Any:
     """Imports the names that need torch when they are first used."""
     if name not in _NEED_TORCH:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    try:
-        module = importlib.import_module(f".{_NEED_TORCH[name]}", __name__)
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            f"{error.name} is not installed; pip install 'musebot[brain]' gets it", name=error.name
-        ) from error
-    return getattr(module, name)
+    with extra_needed():
+        return getattr(importlib.import_module(f".{_NEED_TORCH[name]}", __name__), name)

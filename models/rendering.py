@@ -18,6 +18,8 @@ from typing import Any
 
 import mujoco
 
+from ..extras import EGL_REMEDY
+
 _drew = False  # whether musebot opened OpenGL here, or in a process from which this one was forked
 _forked = False  # whether this process was forked after any code opened OpenGL
 
@@ -73,7 +75,6 @@ except ModuleNotFoundError as error:
         name=error.name,
     ) from error
 
-EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
 DRAWS_NOTHING = ("off", "disable", "disabled", "false", "0")  # values of MUJOCO_GL
 
 

@@ -5,19 +5,6 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-EGL_REMEDY = "apt-get install libegl1 libegl-mesa0 libgl1-mesa-dri"
-
-# Modules that an extra installs (pip install 'musebot[EXTRA]'), by extra; not all are listed.
-_EXTRAS = {
-    "baselines": "stable_baselines3",
-    "brain": "PIL imageio imageio_ffmpeg jinja2 markdown_it matplotlib rich safetensors scipy "
-    "torch",
-    "cluster": "ray",
-    "gym": "gymnasium moviepy",
-    "numba": "numba",
-    "tensorboard": "tensorboard",
-    "warp": "mujoco_warp warp",
-}
 _MOST_LISTED = 20  # names in a sentence
 
 
@@ -69,12 +56,3 @@ def similar(name: str, known: Iterable[str]) -> str:
     ratios = sorted(((likeness(other), other) for other in known), key=lambda pair: -pair[0])
     near = [other for ratio, other in ratios if ratio >= max(0.6, ratios[0][0] - 0.1)]
     return f"did you mean {' or '.join(near[:3])}?" if near else ""
-
-
-def missing_extra(error: ImportError) -> str:
-    """Returns how to install the extra with the missing module, or else the error's own text."""
-    module = (error.name or "").partition(".")[0]
-    for extra, modules in _EXTRAS.items():
-        if isinstance(error, ModuleNotFoundError) and module in modules.split():
-            return f"{module} is not installed; pip install 'musebot[{extra}]' gets it"
-    return str(error)

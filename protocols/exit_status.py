@@ -8,7 +8,8 @@ import signal
 import sys
 from collections.abc import Callable
 
-from .errors import InputError, Interrupted, RunError, missing_extra
+from ..extras import missing_extra
+from .errors import InputError, Interrupted, RunError
 from .terminal import notice
 
 # Error numbers of the system that mean a wrong path, and so bad input.

@@ -7,14 +7,12 @@ from typing import Any
 
 import numpy as np
 
-try:
+from ..extras import extra_needed
+
+with extra_needed():
     import gymnasium
     from gymnasium.vector import AutoresetMode
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        f"{error.name} is not installed; pip install 'musebot[baselines]' gets it", name=error.name
-    ) from error
 
 from ..gymnasium_registration import GYMNASIUM_TASKS, LIFE_ID, USUAL_STEPS
 from .gymnasium_env import INFO, ArenaVectorEnv

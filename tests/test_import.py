@@ -41,8 +41,8 @@ def seen(code, cwd):
 
 def test_import_is_light_and_that_of_the_controller_too(tmp_path):
     before, after = seen(CONTROLLER, tmp_path)
-    assert before == [[], ["gymnasium_registration"]]
-    assert after == [[], ["controller", "fields", "gymnasium_registration"]]
+    assert before == [[], ["extras", "gymnasium_registration"]]
+    assert after == [[], ["controller", "extras", "fields", "gymnasium_registration"]]
 
 
 def test_the_first_load_imports_neither_brains_nor_commands(tmp_path):

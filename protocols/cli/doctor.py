@@ -14,7 +14,8 @@ from importlib import metadata
 
 from packaging.requirements import Requirement
 
-from ..errors import EGL_REMEDY, InputError, RunError
+from ...extras import EGL_REMEDY
+from ..errors import InputError, RunError
 from ..machine import cores, machine_bytes
 from ..terminal import say
 from .options import option

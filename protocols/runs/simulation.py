@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from ...extras import missing_extra
 from ..agents.base import Agent
 from ..agents.factory import check_trusted
 from ..agents.names import is_own
 from ..agents.settings import settings_from
-from ..errors import DamagedFileError, InputError, RunError, missing_extra
+from ..errors import DamagedFileError, InputError, RunError
 from ..storage import check_own_folder, locked, remove_drafts, remove_files, resolved
 from ..terminal import notice
 from .checkpoints import (

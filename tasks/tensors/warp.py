@@ -9,18 +9,15 @@ import warnings
 import mujoco
 import numpy as np
 
+from ...extras import extra_needed
 from ..batch import Batch, CapacityError
 from ..rules import Rules
 
-try:
+with extra_needed():
     import mujoco_warp as mjw
     import torch
     import warp as wp
     from torch import Tensor
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(
-        f"{error.name} is not installed; pip install 'musebot[warp]' gets it", name=error.name
-    ) from error
 
 from .capture import Captured
 from .robots import TensorRobots

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import musebot
+from musebot import extras
 from musebot.models import arena_spec, rendering
 from musebot.protocols import errors
 from musebot.protocols.pages.offscreen import Canvas
@@ -344,7 +345,7 @@ def test_without_egl_a_picture_is_refused_with_the_remedy_every_time(no_display,
     monkeypatch.setitem(sys.modules, "dm_control._render.pyopengl.egl_renderer", None)
     rendering._egl_context.cache_clear()
     for _ in range(2):
-        with pytest.raises(RuntimeError, match=f"no headless OpenGL.*`{errors.EGL_REMEDY}`"):
+        with pytest.raises(RuntimeError, match=f"no headless OpenGL.*`{extras.EGL_REMEDY}`"):
             rendering.choose_backend()
     assert os.environ["MUJOCO_GL"] == ""
 
