@@ -7,6 +7,7 @@ import inspect
 
 from tables import table
 
+from musebot.protocols.cli.options import usage
 from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
 
 
@@ -27,7 +28,6 @@ All verbs of `musebot`; `musebot VERB --help` prints the same. A guide to the co
 def _section(verb: str) -> str:
     command = verb_class(verb)
     fields = dataclasses.fields(command)
-    words = [one.metadata["values"] for one in fields if not one.metadata["option"]]
     rows = []
     for one in fields:
         notes = one.metadata
@@ -41,7 +41,7 @@ def _section(verb: str) -> str:
 {inspect.cleandoc(command.__doc__ or "")}
 
 ```text
-musebot {" ".join([verb, *words])} [OPTION ..]
+{usage(f"musebot {verb}", command)}
 ```
 
 {table(("option", "value", "meaning"), rows)}"""

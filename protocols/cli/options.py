@@ -35,6 +35,16 @@ def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata=notes)
 
 
+def usage(prog: str, command: type) -> str:
+    """Returns a command's usage, such as "musebot film [OUT] [OPTION ..]"."""
+    words = [prog]
+    for field in dataclasses.fields(command):
+        if not field.metadata["option"]:
+            word = field.metadata["values"]
+            words.append(word if field.default is dataclasses.MISSING else f"[{word}]")
+    return " ".join([*words, "[OPTION ..]"])
+
+
 def executor(processes: int | None = None, ray: str | None = None, device: str = "cpu") -> Executor:
     """Returns the executor of a command's jobs; connects to the cluster if `ray` is given.
 

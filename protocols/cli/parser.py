@@ -15,6 +15,7 @@ from ... import __version__
 from ..errors import InputError, nearest
 from ..exit_status import exit_status
 from ..terminal import safe_streams, say
+from .options import usage
 from .verbs import BENCHMARK, VERBS, verb_class
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help appears at once, and MUJOCO_GL
@@ -109,10 +110,9 @@ def parsed(command: type, prog: str, words: Sequence[str]) -> Any:
 
 def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
     """Returns the parser of a command's arguments."""
-    words = [f.metadata["values"] for f in dataclasses.fields(command) if not f.metadata["option"]]
     parser = _Parser(
         prog=prog,
-        usage=" ".join([prog, *words, "[OPTION ..]"]),
+        usage=usage(prog, command),
         description=command.__doc__,
         allow_abbrev=False,
         add_help=False,
