@@ -44,7 +44,7 @@ class KinematicBatch(Robots):
         super().__init__(robots, rules, dimensions, model.nsensordata)
         self.kinematics = kinematics
         self._poses = np.zeros((robots, 3))
-        self._spots = np.zeros((robots, 2))
+        self._spots = np.tile(model.body("spot").pos[:2], (robots, 1))
         self._wheels = np.zeros((robots, 2))  # speeds of the wheels, in motor values
         self._touch = np.zeros(robots)
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, "velocity")

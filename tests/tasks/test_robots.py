@@ -174,6 +174,12 @@ def copies(make, batch):
         yield pickle.loads(pickle.dumps(batch))
 
 
+def test_robots_begin_at_the_origin_with_the_spot_where_the_arena_has_it(make_any):
+    batch = make_any(2)
+    np.testing.assert_allclose(batch.pose, np.zeros((2, 3)), atol=1e-6)
+    np.testing.assert_allclose(batch.spot, [[0.425, 0.25]] * 2, atol=1e-6)
+
+
 def test_restored_robots_and_copies_continue_bit_exactly(make_any):
     batch = settled(make_any(3))
     motors = scripted(40, 3)
