@@ -42,6 +42,7 @@ gym cluster warp:
 	@test -e $<
 
 docs: $(READY) $(VENV)/.gym $(VENV)/.docs  ## build the documentation in site/
+	@test -e $(VENV)/.docs
 	$(VENV)/bin/python docs/generator
 	rm -rf site
 	$(VENV)/bin/zensical build --strict --clean
@@ -97,7 +98,8 @@ $(CHROMIUM): $(READY)
 	@touch $@
 
 # Ray (250 MB), Gymnasium, MuJoCo Warp (410 MB), and Zensical for the site (110 MB). What needs one
-# of them is skipped in the tests without it.
+# of them is skipped in the tests without it. A failed installation is tried again the next time.
 $(VENV)/.%: $(READY) constraints/%.txt
+	@rm -f $@
 	$(VENV)/bin/pip install --no-deps -r constraints/$*.txt && touch $@ || \
 	  echo "Continuing without constraints/$*.txt: what needs it will not work." >&2

@@ -19,18 +19,21 @@ _MODULES = {
 }
 
 
-def missing_extra(error: ImportError) -> str:
-    """Returns how to install the extra with the missing module, or else the error's own text."""
+def missing_extra(error: ImportError, extra: str = "") -> str:
+    """Returns how to install the extra with the missing module, or else the error's own text.
+
+    `extra` names an extra that needs more than this module; "" for the one that has it.
+    """
     module = (error.name or "").partition(".")[0]
-    for extra, modules in _MODULES.items():
+    for own, modules in _MODULES.items():
         if isinstance(error, ModuleNotFoundError) and module in modules.split():
-            return f"{module} is not installed; pip install 'musebot[{extra}]' gets it"
+            return f"{module} is not installed; pip install 'musebot[{extra or own}]' gets it"
     return str(error)
 
 
 @contextlib.contextmanager
-def extra_needed() -> Iterator[None]:
-    """Makes the error of an import name the extra that installs the missing package.
+def extra_needed(extra: str = "") -> Iterator[None]:
+    """Makes the error of an import name the extra to install; see `missing_extra`.
 
     Raises:
       ModuleNotFoundError: an import in this context fails.
@@ -38,4 +41,4 @@ def extra_needed() -> Iterator[None]:
     try:
         yield
     except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(missing_extra(error), name=error.name) from error
+        raise ModuleNotFoundError(missing_extra(error, extra), name=error.name) from error

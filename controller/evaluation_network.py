@@ -7,7 +7,6 @@ from torch import Tensor
 
 from .networks import ACTIVATIONS, SGD, Adam, Networks, Optimizer, Rate
 from .parameters import Parameters
-from .senses import unsaturated
 from .step import Step
 
 
@@ -76,31 +75,24 @@ class EvaluationNetwork:
         return error
 
 
-def td_target(
-    p: Parameters, maximal: Tensor | None, reward: Tensor, before: Step, now: Step
-) -> tuple[Tensor, Tensor]:
+def td_target(p: Parameters, reward: Tensor, before: Step, now: Step) -> tuple[Tensor, Tensor]:
     """Returns the target r + gamma V of Eq. 1, with reward and value at time t + 1.
 
-    The paper's target has the value of the selected action (SARSA). Beyond the paper, `raw_reward`,
+    The paper's target has the value of the selected action (SARSA). Beyond the paper,
     `reward_form`, `bootstrap`, `clipped_bootstrap` and `advantage_scale` each change one term.
 
     Args:
       p: Parameters of the brain.
-      maximal: Raw reward at maximal smell, shape (), if `raw_reward` applies; None otherwise.
-      reward: Reward sensed at time t + 1, shape (B,).
+      reward: Reward sensed at time t + 1, shape (B,); if `p.raw_reward`, the unsaturated one.
       before: Step at time t, whose action led to the reward.
-      now: Step at time t + 1. If `p.compares_rewards`, the function stores the reward in it, for
-        the next target.
+      now: Step at time t + 1; if `p.compares_rewards`, it has recorded the reward.
 
     Returns:
       The targets; and 1 for each robot that has a target, else 0; both of shape (B,).
     """
     learning = before.chained
     value = now.best_value if p.bootstrap == "max" else now.value
-    if maximal is not None:
-        reward = unsaturated(reward, maximal)
     if p.compares_rewards:
-        now.record_reward(reward)
         learning = learning * before.rewarded
     if p.clipped_bootstrap:
         # Where the reward fell to 0 or below, V is at most max(reward before, 0).

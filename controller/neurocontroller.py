@@ -14,7 +14,7 @@ from .evaluation_network import EvaluationNetwork, td_target
 from .exploration import EpsilonGreedy, Exploration, PersistentExploration, Schedule
 from .networks import load_into
 from .parameters import PROPOSERS, Parameters
-from .senses import Encoding, Senses
+from .senses import Encoding, Senses, unsaturated
 from .step import Step
 
 
@@ -162,7 +162,11 @@ class Neurocontroller:
     def update(self, reward: Tensor) -> Tensor:
         """Learns, as `learn` does; call `end` after."""
         p, before, rate = self._parameters, self._previous, self.learn_rate.value
-        target, learning = td_target(p, self._maximal_reward, reward, before, self._current)
+        if self._maximal_reward is not None:
+            reward = unsaturated(reward, self._maximal_reward)
+        if p.compares_rewards:
+            self._current.record_reward(reward)
+        target, learning = td_target(p, reward, before, self._current)
         action = self._encoding.motors(before.action)
         error = self.evaluation.learn(before.state, action, target, learning, rate)
         if self.memory is None or p.repeats_itself:

@@ -13,7 +13,7 @@ import os
 import weakref
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -197,6 +197,15 @@ class Robots(abc.ABC):
             self.sensordata[~self.valid] = 0
 
 
+class _Rollout(NamedTuple):
+    """Substeps that skip the same parts of the physics, and arrays that are allocated once."""
+
+    disabled: int  # flags of the parts that are skipped
+    control: np.ndarray  # in each substep, shape (B, substeps, ...)
+    states: np.ndarray  # after each substep
+    sensors: np.ndarray  # at the start of each substep
+
+
 class Batch(Robots):
     """B robots in MuJoCo; only one thread at a time may step or place them.
 
@@ -232,11 +241,10 @@ class Batch(Robots):
         self._state = np.zeros((robots, size))
         self._control = np.zeros((robots, mujoco.mj_stateSize(model, _CONTROL)))
         self._control[:, model.nu :] = self._scratch.mocap_pos.ravel()
-        # Sensors are read once per control step: only its last substep evaluates them. Each of the
-        # two rollouts: flag of what it skips, then controls, states and sensors, allocated once.
+        # Sensors are read once per control step: only its last substep evaluates them.
         widths = self._control.shape[1], size, model.nsensordata
         self._rollouts = [
-            (disabled, *(np.zeros((robots, steps, width)) for width in widths))
+            _Rollout(disabled, *(np.zeros((robots, steps, width)) for width in widths))
             for disabled, steps in ((_SENSORS, self.substeps - 1), (0, 1))
             if steps
         ]
@@ -308,7 +316,7 @@ class Batch(Robots):
                 self._state[:] = states[:, -1]
         finally:
             self.model.opt.disableflags = flags
-        return self._rollouts[-1][-1][:, -1]
+        return self._rollouts[-1].sensors[:, -1]
 
     def arrays(self) -> dict[str, np.ndarray]:
         return {

@@ -214,14 +214,15 @@ def check_state(state: Any, like: Mapping[str, Any]) -> None:
         raise ValueError(f"state must have the keys {sorted(like)}, got {got}")
     for name, own in like.items():
         given = state[name]
-        if type(given) is not type(own):
+        array = isinstance(own, np.ndarray)
+        if not (isinstance(given, np.ndarray) if array else type(given) is type(own)):
             kinds = type(own).__name__, type(given).__name__
             raise ValueError(f"state[{name!r}] must be of type {kinds[0]}, got {kinds[1]}")
         if isinstance(own, str) and given != own:
             raise ValueError(f"state[{name!r}] must be {own!r}, got {given!r:.60}")
         if isinstance(own, list) and len(given) != len(own):
             raise ValueError(f"state[{name!r}] must have {len(own)} parts, got {len(given)}")
-        if isinstance(own, np.ndarray) and (given.shape, given.dtype) != (own.shape, own.dtype):
+        if array and (given.shape, given.dtype) != (own.shape, own.dtype):
             wanted, got = (f"{one.dtype} of shape {one.shape}" for one in (own, given))
             raise ValueError(f"state[{name!r}] must be {wanted}, got {got}")
 

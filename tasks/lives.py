@@ -160,7 +160,7 @@ class Life(Checked):
           rules: Rules of the life's task; they say which worlds are possible.
           dimensions: Dimensions of the arena, in which all places must lie.
         """
-        if self.phases[0].robot is None:
+        if any(phase.robot is None for phase in self.phases):  # one may be lived alone
             Start((0.0, 0.0, 0.0)).check(dimensions)
         for phase in self.phases:
             robot = None if phase.robot == "random" else phase.robot

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..extras import extra_needed
 
-with extra_needed():
+with extra_needed("baselines"):
     import gymnasium
     from gymnasium.vector import AutoresetMode
     from stable_baselines3.common.vec_env.base_vec_env import VecEnv

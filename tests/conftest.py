@@ -111,7 +111,7 @@ def invented_lives(experiment, rows, seed=0):
     from musebot.protocols.runs.run import Lives, network_shapes
 
     draw, condition = np.random.default_rng(seed), Condition(rows[0].task, rows[0].proposer)
-    schedule = experiment.life_of(condition.task)
+    schedule = experiment.life_of(condition.life)
     steps = schedule.steps_of_minutes()
     minutes = draw.integers(0, steps + 1, (len(rows), len(steps)))
     tests = np.array([[round(row.t_pre_s * 10), round(row.t_post_s * 10)] for row in rows])

@@ -123,7 +123,9 @@ NEEDS = {
     "musebot.controller.Neurocontroller": ("torch", "brain"),
     "musebot.run('out')": ("torch", "brain"),
     "import musebot.tasks.stable_baselines": ("stable_baselines3", "baselines"),
+    "import musebot.tasks.gymnasium_env": ("gymnasium", "gym"),
     "musebot.register_gymnasium()": ("gymnasium", "gym"),
+    "import musebot.tasks.stable_baselines as _": ("gymnasium", "baselines"),
 }
 WITHOUT = """
 import sys

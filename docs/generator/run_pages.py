@@ -56,7 +56,7 @@ def _run(folder: Path, results: Path) -> tuple[str, ...]:
     counts: dict[str, list[str]] = {}
     for condition in run.conditions():
         robots = f"{len(run.robots(condition))} {short_name(condition.proposer)}"
-        counts.setdefault(condition.task, []).append(robots)
+        counts.setdefault(condition.life, []).append(robots)
     robots = "; ".join(f"{task}: {', '.join(parts)}" for task, parts in counts.items())
     return (
         "<br>".join(links),

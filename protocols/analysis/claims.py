@@ -56,7 +56,7 @@ class Evidence:
         if self.run is None:
             raise Undecidable("the paper has no data of single robots")
         if not self.run.valid_rows(condition):
-            raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
+            raise Undecidable(f"no robots of {condition.life}, {condition.proposer}")
         return self.run
 
     def observed(self) -> Behaviour:
@@ -80,25 +80,25 @@ class Described(NamedTuple):
     words: str
 
 
-def more(
+def _ordered(
     statistic: Callable[[Evidence, Condition], Any],
     condition: Condition,
     *others: Condition,
+    smaller: bool,
     what: str = "",
     times: float = 1,
-    less: bool = False,
 ) -> Test:
-    """Returns the test that a share or a mean of a condition is larger than that of others.
+    """Returns the test that a share or a mean of a condition differs from that of others.
 
     Args:
       statistic: Function of evidence and condition that returns a `Share` or a `Sample`.
-      condition: Condition whose statistic should be larger than that of the others.
+      condition: Condition whose statistic should be larger (or smaller) than that of the others.
       *others: Conditions to compare with; if none is given, those of the other two proposers.
+      smaller: Whether the condition's statistic should be smaller, instead of larger.
       what: Words before the numbers in the description, such as "mean L ".
       times: Factor by which the share that should be smaller is multiplied; not used for means.
-      less: Whether the statistic should be smaller than that of the others, instead of larger.
     """
-    rest = [Condition(condition.task, p) for p in PROPOSERS if p != condition.proposer]
+    rest = [Condition(condition.life, p) for p in PROPOSERS if p != condition.proposer]
 
     def test(evidence: Evidence) -> list[TestedInequality]:
         own, found = statistic(evidence, condition), []
@@ -107,20 +107,21 @@ def more(
         for other in others or rest:
             theirs = statistic(evidence, other)
             words = f"{what}{condition.proposer} {own}, {other.proposer} {theirs}"
-            pair = (theirs, own) if less else (own, theirs)
+            pair = (theirs, own) if smaller else (own, theirs)
             found.append(larger(*pair, words))
         return found
 
     return test
 
 
-less = functools.partial(more, less=True)
+more = functools.partial(_ordered, smaller=False)
+less = functools.partial(_ordered, smaller=True)
 
 
-def most(
+def share_above(
+    border: float,
     statistic: Callable[[Evidence, Condition], Share | Described],
     *conditions: Condition,
-    border: float = 0.5,
 ) -> Test:
     """Returns the test that a share of robots is larger than `border` in each condition."""
 
@@ -135,6 +136,9 @@ def most(
         return found
 
     return test
+
+
+most = functools.partial(share_above, 0.5)
 
 
 def rises(statistic: Callable[[Evidence, Condition], Described], condition: Condition) -> Test:

@@ -61,7 +61,7 @@ def _shared_conditions(ours: Run, other: Run) -> list[Condition]:
     both = [condition for condition in ours.conditions() if condition in theirs]
     if not both:
         raise InputError(f"{ours.name} and {other.name} have no task and proposer in common")
-    for task in {condition.task for condition in both}:
+    for task in {condition.life for condition in both}:
         if ours.experiment.life_of(task) != other.experiment.life_of(task):
             raise InputError(f"{ours.name} and {other.name} have two lives of the name {task}")
     return both
@@ -110,7 +110,7 @@ def _column(ours: Run, other: Run, condition: Condition) -> list[Cell]:
 
 def _measures(run: Run, condition: Condition) -> dict[str, np.ndarray]:
     """Returns the values of n valid robots by name of the cell, (n,); bool for categories."""
-    life = run.experiment.life_of(condition.task)
+    life = run.experiment.life_of(condition.life)
     if not life.tested:
         return {f"share of time {life.event}": run.life_shares(condition)}
     kinds = np.array(run.classes(condition), dtype=object)

@@ -31,6 +31,7 @@ from .claims import (
     more,
     most,
     rises,
+    share_above,
 )
 from .hypothesis_tests import Sample, Share, TestedInequality, larger_in_pairs, larger_mean
 from .paper_tables import PAPER
@@ -94,7 +95,7 @@ def trained_settlers(evidence: Evidence, condition: Condition) -> Share:
     chosen = run.shares(condition, "pre") >= 0.5
     if not chosen.any():
         raise Undecidable(f"no {condition.proposer} robot stays in the spot before training")
-    minutes = run.experiment.life_of(condition.task).minutes_of("training")
+    minutes = run.experiment.life_of(condition.life).minutes_of("training")
     training = run.curves(condition)[chosen, minutes]
     return Share.of(training[:, -(training.shape[1] // 4) :].mean(axis=1) >= 0.5)
 
@@ -119,7 +120,7 @@ def spinning(evidence: Evidence, condition: Condition) -> np.ndarray:
     """Returns the share of time in which robots spin, before and after training, shape (n, 2)."""
     shares = evidence.observed().spinning.get(condition)
     if shares is None:
-        raise Undecidable(f"no robots of {condition.task}, {condition.proposer}")
+        raise Undecidable(f"no robots of {condition.life}, {condition.proposer}")
     return shares
 
 
@@ -132,7 +133,7 @@ def spinners(evidence: Evidence, condition: Condition) -> Described:
 def spinners_to_the_centre(evidence: Evidence, condition: Condition) -> Described:
     """Returns the share of trained spinners, of all proposers, that come nearer to the centre."""
     nearer: list[float] = []
-    for one in (Condition(condition.task, proposer) for proposer in PROPOSERS):
+    for one in (Condition(condition.life, proposer) for proposer in PROPOSERS):
         spins = spinning(evidence, one)[:, 1] > 0.5
         nearer += evidence.observed().nearer[one][spins, 1].tolist()
     if not nearer:
@@ -196,7 +197,7 @@ def arrival_minutes(
     NaN for robots that never arrive.
     """
     run = evidence.robots(condition)
-    minutes = run.experiment.life_of(condition.task).minutes_of(part)
+    minutes = run.experiment.life_of(condition.life).minutes_of(part)
     test = run.curves(condition)[:, minutes] > 0
     if not test.shape[1]:
         raise Undecidable("the curves end before the test")
@@ -302,7 +303,7 @@ _OF_SPOT: tuple[_Row, ...] = (
     (
         "Before training quite a few creative robots, more than 5 %, stay in the spot, for half of "
         "the test or more.",
-        most(held("pre", 0.5), _CREATIVE_S, border=0.05),
+        share_above(0.05, held("pre", 0.5), _CREATIVE_S),
     ),
     (
         "Most of these are easily trained: in the spot for half of training's last quarter.",
@@ -329,7 +330,7 @@ _OF_SPOT: tuple[_Row, ...] = (
     (
         "In the test many creative robots take 20 to 30 minutes to arrive: more than a quarter of "
         "those that arrive need 20 or more.",
-        most(late, _CREATIVE_S, border=0.25),
+        share_above(0.25, late, _CREATIVE_S),
     ),
 )
 CLAIMS = tuple(

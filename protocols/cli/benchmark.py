@@ -35,8 +35,9 @@ class _Conducted:
         given = vars(self)
         how = ("out", "processes", "ray")
         options = {name: value for name, value in given.items() if name not in how and value != ()}
+        chosen = study(**options)
         workers = executor(given.get("processes"), given.get("ray"))
-        show_markdown(conduct(study(**options), given["out"], workers).markdown)
+        show_markdown(conduct(chosen, given["out"], workers).markdown)
 
 
 @dataclasses.dataclass

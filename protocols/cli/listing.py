@@ -99,14 +99,14 @@ class List:
 
 def _settings(agent: str) -> list[str]:
     """Returns a line for each setting of an agent: name, default, range and meaning."""
-    from ..agents.factory import factory_of, trust
-    from ..agents.settings import settings_of
-
     if agent in PROPOSERS:
         raise InputError(f"{agent} is a proposer of the brain, which has no settings")
     known = [*OWN, *registered_names()]
     if agent not in known and ":" not in agent:
         raise InputError(f"there is no list {agent!r:.60}; {nearest(agent, [*NAMES, *known])}")
+    from ..agents.factory import factory_of, trust
+    from ..agents.settings import settings_of
+
     trust(recorded := recorded_name(agent))
     lines = []
     for name, setting in settings_of(factory_of(recorded)).items():

@@ -215,7 +215,7 @@ class Run:
         known = rows or held
         chosen = (*self.proposer, *map(recorded_name, self.agent))
         pairs = itertools.product(
-            lives or dict.fromkeys(c.task for c in known) or PAPER_LIVES,
+            lives or dict.fromkeys(c.life for c in known) or PAPER_LIVES,
             chosen or dict.fromkeys(c.proposer for c in known) or PROPOSERS,
         )
         conditions = [Condition(*pair) for pair in pairs]

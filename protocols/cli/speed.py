@@ -103,7 +103,7 @@ def paired(
 def cohort_in_training(experiment: Experiment, condition: Condition) -> Cohort:
     """Returns a cohort at the start of its training; the test before is skipped."""
     cohort = Cohort(experiment, CohortKey(condition, 0))
-    legs = experiment.life_of(condition.task).legs()
+    legs = experiment.life_of(condition.life).legs()
     cohort.step = next(leg.start for leg in legs if leg.phase.learning)
     cohort.advance(1)  # places the robots
     return cohort

@@ -105,9 +105,9 @@ def categories(run: Run) -> Figure | None:
     """
     bars: dict[str, list[tuple[str, str, Summary]]] = {}
     for condition in run.conditions():
-        if not run.experiment.life_of(condition.task).tested:
+        if not run.experiment.life_of(condition.life).tested:
             continue
-        own = bars.setdefault(condition.task, [])
+        own = bars.setdefault(condition.life, [])
         own.append((condition.proposer, "here", run.summary(condition)))
         if not run.few and (paper := paper_column(condition)):
             own.append((condition.proposer, "paper", paper.summary))
@@ -192,11 +192,11 @@ def _histogram(axis: Axes, run: Run, condition: Condition, shade: str) -> str:
 
 def spinning(run: Run, behaviour: Behaviour) -> Figure:
     """Draws each robot's share of time spinning, before and after training, and the means."""
-    tasks = [*dict.fromkeys(condition.task for condition in behaviour.spinning)]
+    tasks = [*dict.fromkeys(condition.life for condition in behaviour.spinning)]
     figure, axes = canvas(2.9, 1, len(tasks), sharey=True)
     jitter = np.random.default_rng(0)
     for task, axis in zip(tasks, axes[0], strict=True):
-        names = [condition.proposer for condition in behaviour.spinning if condition.task == task]
+        names = [condition.proposer for condition in behaviour.spinning if condition.life == task]
         for place, proposer in enumerate(names):
             own, shade = behaviour.spinning[Condition(task, proposer)], colour(proposer)
             for shares, middle, face in zip(own.T, (-0.2, 0.2), ("none", shade), strict=True):

@@ -26,7 +26,7 @@ def observe(run: Run) -> Behaviour:
     spinning, nearer, stays = {}, {}, {}
     for condition in run.conditions():
         rows = run.valid_rows(condition)[:SAMPLE]
-        tested = run.experiment.life_of(condition.task).tested
+        tested = run.experiment.life_of(condition.life).tested
         if not rows or not condition.has_brain or not tested:
             continue
         which: list[tuple[int, When]] = [(row, when) for when in WHEN for row in rows]
@@ -34,14 +34,14 @@ def observe(run: Run) -> Behaviour:
         spinning[condition] = spins(track.poses).mean(axis=0).reshape(2, -1).T
         away = np.linalg.norm(track.poses[[0, -1], :, :2], axis=-1)  # the centre is the origin
         nearer[condition] = (away[0] - away[1]).reshape(2, -1).T
-        if condition.task == "spot_finding" and (rows := finders(run, condition)):
+        if condition.life == "spot_finding" and (rows := finders(run, condition)):
             stays[condition.proposer] = stay_of(*from_the_rim(run, condition, rows))
     return Behaviour(spinning, stays, nearer)
 
 
 def finders(run: Run, condition: Condition) -> list[int]:
     """Returns up to `SAMPLE` rows of robots that spent at least a tenth of training in the spot."""
-    minutes = run.experiment.life_of(condition.task).minutes_of("training")
+    minutes = run.experiment.life_of(condition.life).minutes_of("training")
     training = run.results[condition].curves[:, minutes].mean(axis=1)
     return [row for row in run.valid_rows(condition) if training[row] >= 0.1][:SAMPLE]
 
@@ -53,7 +53,7 @@ def from_the_rim(run: Run, condition: Condition, rows: list[int]) -> tuple[Track
     the time scale), and the radius of the spot in [m].
     """
     agent = stored_brains(run, condition, [(row, "before") for row in rows])
-    batch = run.experiment.batch(condition.task, len(rows))
+    batch = run.experiment.batch(condition.life, len(rows))
     size = batch.dimensions
     # The spot is in the arena's centre, ahead of each robot.
     away = size.nose + size.spot_radius

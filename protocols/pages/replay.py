@@ -187,7 +187,7 @@ class StoredRobot:
         Raises:
           InputError: see `agent`; or the robot has other dimensions than the model that is drawn.
         """
-        act, experiment, task = self.act(), self.run.experiment, self.condition.task
+        act, experiment, task = self.act(), self.run.experiment, self.condition.life
         _check_drawn(experiment)
         batch, random = experiment.batch(task, 1), np.random.default_rng(self.seed)
         start = _first_phase(experiment, task, self.phase)
@@ -249,7 +249,7 @@ class Relived:
             raise InputError(
                 "a life that was simulated on a GPU or in MuJoCo Warp cannot be simulated again"
             )
-        life = experiment.life_of(condition.task)
+        life = experiment.life_of(condition.life)
         last = (total := sum(life.steps())) / control_steps(1)
         if not 0 <= minute < last:
             raise InputError(f"the life has minutes from 0 to {last:g}, got {minute:g}")
@@ -361,10 +361,10 @@ def evaluate(
 ) -> Track:
     """Evaluates `stored_brains` for the first `minutes_of_test` of the test after training."""
     agent = stored_brains(run, condition, which)
-    batch = run.experiment.batch(condition.task, len(which))
-    start = _first_phase(run.experiment, condition.task, "post")
+    batch = run.experiment.batch(condition.life, len(which))
+    start = _first_phase(run.experiment, condition.life, "post")
     place(batch, start, np.random.default_rng(SEED))
-    steps = control_steps(minutes_of_test(run, condition.task, minutes))
+    steps = control_steps(minutes_of_test(run, condition.life, minutes))
     return watch(batch, agent, steps, what=str(condition))
 
 

@@ -128,7 +128,7 @@ def page(
     `missing` is a sentence about missing films, or empty.
     """
     template = jinja2.Template(
-        _TEMPLATE.read_text(),
+        _TEMPLATE.read_text("utf-8"),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -47,7 +47,7 @@ def examples(run: Run, task: str) -> list[Example]:
     improvement. A kind without a robot is left out; a life without tests has no examples.
     """
     life = run.experiment.life_of(task)
-    conditions = [c for c in run.conditions() if c.task == task and c.has_brain]
+    conditions = [c for c in run.conditions() if c.life == task and c.has_brain]
     if not life.tested or not conditions:
         return []
     creative = Condition(task, "creative")

@@ -135,7 +135,7 @@ def _joint_tests(run: Run) -> dict[str, float]:
         ours, paper = run.summary(condition), paper_column(condition)
         if paper and ours.robots:
             counts = ours.counts, paper.summary.counts
-            title = run.experiment.life_of(condition.task).title.lower()
+            title = run.experiment.life_of(condition.life).title.lower()
             found.setdefault(title, []).append(counts)
     if len(found) > 1:
         found["both tables"] = [pair for pairs in found.values() for pair in pairs]
@@ -174,11 +174,11 @@ def comparison_markdown(ours: Run, other: Run, cells: Sequence[comparison.Cell])
     lines += [f"After Holm's correction {len(found)} of {len(cells)} cells differ{end}", ""]
     for cell in found:
         first, second, difference = _numbers(cell)
-        name = f"{cell.condition.task}, {short_name(cell.condition.proposer)}: {cell.name}"
+        name = f"{cell.condition.life}, {short_name(cell.condition.proposer)}: {cell.name}"
         lines.append(f"- {name} {first} against {second}, {difference}")
     lines += [""] * bool(found)
     for task in ours.tasks():
-        if own := [cell for cell in cells if cell.condition.task == task]:
+        if own := [cell for cell in cells if cell.condition.life == task]:
             rows = [["", "", *names, "difference", "p", "Holm"]]
             for cell in own:
                 holm = md.probability(cell.corrected)
@@ -232,7 +232,7 @@ def _comparison_note(cells: Sequence[comparison.Cell]) -> str:
 def _left_out(cells: Sequence[comparison.Cell]) -> str:
     """Returns in words how many pairs lack a value of one robot, empty if none does."""
     found = ", ".join(
-        f"{cell.incomplete} ({cell.condition.task}, {short_name(cell.condition.proposer)})"
+        f"{cell.incomplete} ({cell.condition.life}, {short_name(cell.condition.proposer)})"
         for cell in cells
         if cell.name == "mean L" and cell.incomplete
     )

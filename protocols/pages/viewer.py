@@ -54,11 +54,11 @@ class Driver:
                 raise InputError(
                     f"the window shows a robot with the default {name}, got a run with {value}"
                 )
-        if experiment.life_of(condition.task).worlds != (World(),):
-            raise InputError(f"the window shows no world that changes, as in {condition.task}")
+        if experiment.life_of(condition.life).worlds != (World(),):
+            raise InputError(f"the window shows no world that changes, as in {condition.life}")
         name = f"{short_name(condition.proposer)}, robot {robot.robot}, {robot.phase}-training"
         return cls(
-            name, sensing(robot.act), experiment.nose, experiment.life_of(condition.task).task
+            name, sensing(robot.act), experiment.nose, experiment.life_of(condition.life).task
         )
 
     @classmethod

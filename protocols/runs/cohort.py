@@ -60,12 +60,14 @@ def make_agent(experiment: Experiment, condition: Condition, robots: int, seed: 
         the settings, or returns no agent.
       RunError: the factory, or the import of its module, exits.
     """
-    senses = senses_of(experiment.life_of(condition.task).task)
+    senses = senses_of(experiment.life_of(condition.life).task)
     proposer = condition.proposer
     if proposer in PROPOSERS:
         make_brain = Neurocontroller
         if experiment.backend == "numba" and experiment.brain.compilable:
-            from ...controller.compiled import CompiledNeurocontroller as make_brain
+            from ...controller.compiled import CompiledNeurocontroller  # needs Numba
+
+            make_brain = CompiledNeurocontroller
         controller = make_brain(experiment.brain, proposer, robots, senses, seed)
         return NeurocontrollerAgent(controller, experiment.learn_across_placement)
     if experiment.nose == "printed" and proposer in OWN_BOUNDS:
@@ -120,7 +122,7 @@ class Cohort:
           experiment: Seed, cohort size, body, brain and other fields that decide the lives.
           key: Condition and number of the cohort.
         """
-        robots, task = experiment.cohort_size, key.condition.task
+        robots, task = experiment.cohort_size, key.condition.life
         self.experiment, self.key = experiment, key
         seed, self._random = random_streams(experiment.seed, key)
         self.batch = robots_on_device(experiment, task)
@@ -129,6 +131,8 @@ class Cohort:
         with device_of(experiment):
             self.agent = make_agent(experiment, key.condition, robots, seed)
         self._counts = zero_counts(self.batch)  # events since the last `store`
+        # A step is simulated in one of three ways: directly; by kernels that a GPU has captured;
+        # or, with all steps to the next placement, in a loop that Numba has compiled.
         self._captured = captured_steps(self.agent, self.batch, self._counts)
         self._compiled = compiled_life(self.agent, self.batch)
         self._recorded: list[np.ndarray] | None = None
@@ -167,11 +171,13 @@ class Cohort:
 
     def enter(self) -> None:
         """Places robots and spots if the next step begins a `leg`; a second call does nothing."""
-        if self.step == self.leg.start != self._entered:
-            place(self.batch, self.leg.phase, self._random)
-            if self.leg.phase.robot is not None:
-                self.agent.reset()
-            self._entered = self.step
+        leg = self.leg
+        if self.step != leg.start or self._entered == leg.start:
+            return
+        place(self.batch, leg.phase, self._random)
+        if leg.phase.robot is not None:
+            self.agent.reset()
+        self._entered = self.step
 
     def recorded(self) -> list[np.ndarray]:
         """Returns a list to which every later step adds the motor values, shape (B, 2).

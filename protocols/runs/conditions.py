@@ -22,20 +22,20 @@ class Condition:
     Conditions sort as in the paper's tables; agents come after the paper's proposers, by name.
 
     Attributes:
-      task: Name of a life, such as "spot_finding"; NAME@K is phase K (from 1) of the life NAME,
+      life: Name of a life, such as "spot_finding"; NAME@K is phase K (from 1) of the life NAME,
         with untrained robots.
       proposer: "fixed", "random" or "creative", or the factory of an agent as
         "package.module:factory".
     """
 
-    task: str
+    life: str
     proposer: str
 
     def __post_init__(self) -> None:
-        """Raises InputError if `task` or `proposer` has a wrong form."""
-        if not LIFE_NAME.fullmatch(self.task):
+        """Raises InputError if `life` or `proposer` has a wrong form."""
+        if not LIFE_NAME.fullmatch(self.life):
             raise InputError(
-                f"a life has a name such as {', '.join(LIVES)}, got {shown(self.task)}"
+                f"a life has a name such as {', '.join(LIVES)}, got {shown(self.life)}"
             )
         name = self.proposer
         if name not in PROPOSERS and not _FACTORY.fullmatch(name):
@@ -50,8 +50,8 @@ class Condition:
             )
 
     def __str__(self) -> str:
-        """Returns "task/proposer", the name of the condition in files and random streams."""
-        return f"{self.task}/{self.proposer}"
+        """Returns "life/proposer", the name of the condition in files and random streams."""
+        return f"{self.life}/{self.proposer}"
 
     def __lt__(self, other: Condition) -> bool:
         """Compares by the order of the tables."""
@@ -64,8 +64,8 @@ class Condition:
 
     @property
     def _order(self) -> tuple[int, str, int, str]:
-        names, lives = [*PROPOSERS, self.proposer], [*LIVES, self.task]
-        return lives.index(self.task), self.task, names.index(self.proposer), self.proposer
+        names, lives = [*PROPOSERS, self.proposer], [*LIVES, self.life]
+        return lives.index(self.life), self.life, names.index(self.proposer), self.proposer
 
 
 @dataclasses.dataclass(frozen=True, order=True)
@@ -78,4 +78,4 @@ class CohortKey:
     def __str__(self) -> str:
         """Returns the name of the cohort's files."""
         condition = self.condition
-        return f"{condition.task}-{condition.proposer.replace(':', '.')}-{self.index:04d}"
+        return f"{condition.life}-{condition.proposer.replace(':', '.')}-{self.index:04d}"

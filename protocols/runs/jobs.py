@@ -129,7 +129,7 @@ class CohortJob:
 
     @property
     def cost(self) -> float:
-        steps = sum(self.experiment.life_of(self.key.condition.task).steps())
+        steps = sum(self.experiment.life_of(self.key.condition.life).steps())
         return self.experiment.robot_seconds(steps)
 
     def done(self) -> bool:

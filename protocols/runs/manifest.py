@@ -52,7 +52,7 @@ def write_manifest(directory: Path, plan: Plan, begun: bool = True) -> None:
     content = {
         "format": FORMAT,
         "experiment": dataclasses.asdict(experiment),
-        "plan": [{**dataclasses.asdict(condition), "robots": n} for condition, n in robots],
+        "plan": [{"task": c.life, "proposer": c.proposer, "robots": n} for c, n in robots],
         "physics": physics_probe(experiment.body, experiment.kinematics),
         "made_with": [*earlier, made_with()],
     }

@@ -22,6 +22,8 @@ def physics_probe(body: Body = "mujoco", kinematics: Kinematics = _IDEAL) -> tup
     """
     experiment = Experiment(body=body, kinematics=kinematics)
     batch = experiment.batch("spot_finding", 1)
+    if body == "kinematic":  # as in the first stored fingerprints
+        batch.place_spot(np.array([0]), np.zeros((1, 2)))
     batch.place(np.array([0]), np.array([[0.42, 0.05, 0.3]]))
     for motors in ((0.5, 0.4), (0.5, 0.5), (-0.2, 0.5), (0.1, -0.5)):
         for _ in range(4):

@@ -47,7 +47,7 @@ class Plan:
             raise InputError("at least one task and one proposer are needed")
         size = self.experiment.cohort_size
         for condition, robots in self.robots.items():
-            life = self.experiment.life_of(condition.task)
+            life = self.experiment.life_of(condition.life)
             if self.experiment.on_tensors and life.worlds != (World(),):
                 raise InputError(f"{life.name} is simulated on CPUs only: its world changes")
             if self.experiment.body == "kinematic":
@@ -65,7 +65,7 @@ class Plan:
     def cohorts(self) -> list[CohortKey]:
         """Returns all cohorts, longest lives first, so that processes end at similar times."""
         life_of, size = self.experiment.life_of, self.experiment.cohort_size
-        longest = sorted(self.robots, key=lambda condition: -sum(life_of(condition.task).steps()))
+        longest = sorted(self.robots, key=lambda condition: -sum(life_of(condition.life).steps()))
         return [CohortKey(c, index) for c in longest for index in range(self.robots[c] // size)]
 
     def merged_with(self, older: Plan) -> Plan:
@@ -132,7 +132,7 @@ def results_bytes(plan: Plan) -> int:
     for condition, robots in plan.robots.items():
         shapes = network_shapes(plan.experiment, condition) or {}
         weights = 2 * sum(map(math.prod, shapes.values()))  # before and after training
-        minutes = len(plan.experiment.life_of(condition.task).steps_of_minutes())
+        minutes = len(plan.experiment.life_of(condition.life).steps_of_minutes())
         total += robots * (_FLOAT * weights + _COUNT * minutes)
     return _COPIES * total
 

@@ -89,7 +89,7 @@ def network_shapes(
     """Returns the shape of each array of one robot's networks; None if it has no brain."""
     if not condition.has_brain:
         return None
-    senses = senses_of(experiment.life_of(condition.task).task)
+    senses = senses_of(experiment.life_of(condition.life).task)
     controller = Neurocontroller(experiment.brain, condition.proposer, 1, senses, 0)
     shapes = {name: tuple(tensor.shape[1:]) for name, tensor in controller.networks().items()}
     return MappingProxyType(shapes)
@@ -149,7 +149,7 @@ class ConditionResults:
     @classmethod
     def of(cls, experiment: Experiment, condition: Condition, lives: Lives) -> ConditionResults:
         """Derives the results of a condition from the measurements of all its robots."""
-        task, life = condition.task, experiment.life_of(condition.task)
+        task, life = condition.life, experiment.life_of(condition.life)
         before, _, after = (
             CONTROL_TIMESTEP if life.steps_of(stage) else math.nan for stage in STAGES
         )
@@ -215,11 +215,11 @@ class Run:
 
     def tasks(self) -> list[str]:
         """Returns the tasks that have robots, in the order of the tables."""
-        return list(dict.fromkeys(condition.task for condition in self.results))
+        return list(dict.fromkeys(condition.life for condition in self.results))
 
     def proposers(self, task: str) -> list[str]:
         """Returns the proposers of a task, in the order of the tables."""
-        return [condition.proposer for condition in self.results if condition.task == task]
+        return [condition.proposer for condition in self.results if condition.life == task]
 
     def robots(self, condition: Condition) -> list[Robot]:
         """Returns the rows of a condition, invalid robots included; empty if there are none."""
@@ -252,11 +252,11 @@ class Run:
     def shares(self, condition: Condition, part: Literal["pre", "post"]) -> np.ndarray:
         """Returns valid robots' shares of a test's time in contact, or in the spot, shape (n,)."""
         times = [getattr(row, f"t_{part}_s") for row in self.valid(condition)]
-        return np.array(times, dtype=float) / self.test_seconds(condition.task, part)
+        return np.array(times, dtype=float) / self.test_seconds(condition.life, part)
 
     def life_shares(self, condition: Condition) -> np.ndarray:
         """Returns valid robots' shares of their life in contact, or in the spot, shape (n,)."""
-        steps = self.experiment.life_of(condition.task).steps_of_minutes()
+        steps = self.experiment.life_of(condition.life).steps_of_minutes()
         return self.curves(condition) @ (steps / steps.sum())
 
     def summary(self, condition: Condition) -> Summary:
@@ -264,7 +264,7 @@ class Run:
         return summarise(
             self.abilities(condition),
             [row.t_post_s for row in self.valid(condition)],
-            self.test_seconds(condition.task),
+            self.test_seconds(condition.life),
             invalid=len(self.robots(condition)) - len(self.valid(condition)),
             exact=self.exact_classes,
         )

@@ -269,7 +269,7 @@ class UnfinishedRun:
         All finished and wanted robots have reached these M minutes. Invalid ones are left out.
         """
         experiment = self.plan.experiment
-        steps = experiment.life_of(condition.task).steps_of_minutes()
+        steps = experiment.life_of(condition.life).steps_of_minutes()
         done = [lives for key, lives in self.lives.items() if key.condition == condition]
         if held := self.measured.get(condition):
             done.append(held)

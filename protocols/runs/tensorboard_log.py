@@ -35,7 +35,7 @@ class TensorBoardLog:
         self._updated = time.monotonic()
         try:
             for condition, first in self._written.items():
-                event = self._run.plan.experiment.life_of(condition.task).event
+                event = self._run.plan.experiment.life_of(condition.life).event
                 tag = {"in contact": "contact", "in the spot": "in_spot"}.get(event, "at_goal")
                 shares = self._run.curve(condition)[first:]
                 for minute, share in enumerate(shares, first + 1):
@@ -49,7 +49,7 @@ class TensorBoardLog:
 
     def _writer(self, condition: Condition) -> SummaryWriter:
         if condition not in self._writers:
-            name = f"{condition.task}-{condition.proposer}-{self._run.plan.robots[condition]}"
+            name = f"{condition.life}-{condition.proposer}-{self._run.plan.robots[condition]}"
             folder = self._run.directory / "tensorboard" / name.replace(":", ".")
             check_own_folder(folder.parent)
             check_own_folder(folder)

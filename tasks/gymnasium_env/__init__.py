@@ -6,8 +6,11 @@ the order of docs/tasks.md; observations and actions are 32-bit floats. Episodes
 dictionary `info` holds the entries of `INFO`.
 """
 
-from .common import INFO
-from .single import ArenaEnv
-from .vector import ArenaVectorEnv
+from ...extras import extra_needed
+
+with extra_needed("gym"):
+    from .common import INFO
+    from .single import ArenaEnv
+    from .vector import ArenaVectorEnv
 
 __all__ = ["INFO", "ArenaEnv", "ArenaVectorEnv"]

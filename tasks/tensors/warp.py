@@ -13,7 +13,7 @@ from ...extras import extra_needed
 from ..batch import Batch, CapacityError
 from ..rules import Rules
 
-with extra_needed():
+with extra_needed("warp"):
     import mujoco_warp as mjw
     import torch
     import warp as wp

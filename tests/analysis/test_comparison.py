@@ -29,12 +29,12 @@ def run_of(name, times, *, invalid=(), **fields):
     """Returns a run from the times of its robots, by condition; fields are of its experiment."""
     rows = []
     for condition, seconds in times.items():
-        schedule = LIVES[condition.task]
+        schedule = LIVES[condition.life]
         abilities = learn_ability(*seconds.T, schedule.wanted)
         for i, (pre, post) in enumerate(seconds):
             kind = category(abilities[i]).replace("unmeasured", schedule.unmeasured)
             own = (NAN, "invalid") if i in invalid else (float(abilities[i]), kind)
-            rows.append(Robot(condition.task, condition.proposer, 1, 0, i, pre, post, *own))
+            rows.append(Robot(condition.life, condition.proposer, 1, 0, i, pre, post, *own))
     return run_of_rows(rows, Experiment(**fields), name=name)
 
 

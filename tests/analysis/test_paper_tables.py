@@ -46,7 +46,7 @@ def test_only_the_papers_conditions_have_a_paper_column():
 def test_a_column_has_the_values_of_valid_robots_and_intervals_around_them():
     condition = Condition("wall_avoidance", "random")
     rows = [
-        Robot(condition.task, condition.proposer, 1, 0, i, 1.0, 12.0 * i, ability, "0 < L < 1")
+        Robot(condition.life, condition.proposer, 1, 0, i, 1.0, 12.0 * i, ability, "0 < L < 1")
         for i, ability in enumerate([1.0, 1.0, 0.5, -0.5, 0.25, 0.75])
     ]
     rows.append(dataclasses.replace(rows[0], robot=6, t_post_s=9e9, category="invalid"))

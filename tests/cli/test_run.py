@@ -83,13 +83,13 @@ def test_what_is_not_given_is_that_of_the_folder_or_of_the_file(options, robots)
     held = Plan(Experiment(cohort_size=2), known)
     assert planned(held, **options).robots == planned(file=file, **options).robots == robots
     dqn = {"agent": ("dqn",), "life": ("spot_finding",)}
-    assert planned(held, **dqn).robots == {Condition(SF.task, "musebot:dqn"): 6}
+    assert planned(held, **dqn).robots == {Condition(SF.life, "musebot:dqn"): 6}
     with pytest.raises(InputError, match="choose among these, got spot_finding/musebot"):
         planned(file=file, **dqn)
 
 
 def test_settings_in_a_file_of_brains_and_agents_hold_whatever_the_command_chooses():
-    dqn = Condition(SF.task, "musebot:dqn")
+    dqn = Condition(SF.life, "musebot:dqn")
     file = Config({"settings": ("rate=0.1",)}, {SF: 2, dqn: 2})
     assert planned(file=file, proposer=("creative",)).robots == {SF: 2}
     assert planned(file=file, agent=("dqn",)).experiment.settings == ("rate=0.1",)
@@ -228,7 +228,7 @@ def test_a_life_of_a_file_is_that_of_the_run_and_of_its_manifest(
     for words in ("### swap, body", "### swap, newborn of phase 2", "share of time in the spot |"):
         assert words in printed
     run = musebot.load_run(out)
-    assert [c.task for c in run.conditions()] == ["body", "swap", "swap@2"]
+    assert [c.life for c in run.conditions()] == ["body", "swap", "swap@2"]
     assert run.experiment.life == read_life(file)
     assert [len(run.curves(c)[0]) for c in run.conditions()] == [1, 1, 1]
     file.unlink()

@@ -34,7 +34,7 @@ def test_every_learner_has_a_run_in_each_life_with_newborns_of_each_world():
     plans = Benchmark().plans()
     names = (*LEARNERS, "steady", "paper")
     assert plans.keys() == {f"{life}-{name}" for life in HEADLINE for name in names}
-    lives = [condition.task for condition in plans["body-dqn"].robots]
+    lives = [condition.life for condition in plans["body-dqn"].robots]
     assert lives == ["body", "body@2", "body@3"] and newborn_lives(DRIFT) == []
     assert {c.proposer for c in plans["body-paper"].robots} == {"fixed", "random", "creative"}
     for track in ("paper", "raw"):

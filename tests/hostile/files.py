@@ -52,7 +52,7 @@ def _make_run(folder, experiment, robots, invented):
     folder.mkdir(parents=True)
     measured = {}
     for condition, number in robots.items():
-        names = (condition.task, condition.proposer, experiment.seed)
+        names = (condition.life, condition.proposer, experiment.seed)
         kinds = ["invalid" if n == 1 else "L < 0" for n in range(number)]
         rows = [Robot(*names, 0, n, float(n), 2.0 * n, 0.0, kinds[n]) for n in range(number)]
         measured[condition] = invented(experiment, rows, experiment.seed)

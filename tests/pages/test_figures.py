@@ -24,14 +24,14 @@ def run_of(*conditions, robots=6, **fields):
     """A run in which some robots got worse, others are perfect, and events are at random."""
     rows = [
         Robot(
-            c.task, c.proposer, 1, 0, i, 1.0, 2.0, *(((i - 3) / 3, "L < 0"), (1.0, "L = 1"))[i > 2]
+            c.life, c.proposer, 1, 0, i, 1.0, 2.0, *(((i - 3) / 3, "L < 0"), (1.0, "L = 1"))[i > 2]
         )
         for c in conditions
         for i in range(robots)
     ]
     run = run_of_rows(rows, Experiment(**fields))
     for condition, part in run.results.items():
-        minutes = len(run.experiment.life_of(condition.task).steps_of_minutes())
+        minutes = len(run.experiment.life_of(condition.life).steps_of_minutes())
         curves = np.random.default_rng(0).random((robots, minutes))
         run.results[condition] = dataclasses.replace(part, curves=curves)
     return run

@@ -43,7 +43,7 @@ def test_without_valid_robots_nothing_is_observed(invalid):
 
 def test_newborns_start_with_the_nose_at_the_rim_and_learn(run):
     track, radius = measured_behaviour.from_the_rim(run, SPOT, [2, 0])
-    size = run.experiment.batch(SPOT.task, 1).dimensions
+    size = run.experiment.batch(SPOT.life, 1).dimensions
     poses = track.poses[0].astype(float)
     ahead = np.stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])], axis=1)
     nose = poses[:, :2] + size.nose * ahead

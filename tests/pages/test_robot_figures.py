@@ -29,9 +29,9 @@ KINDS = {
 def invented(conditions, kinds, **fields):
     """Returns a run of robots of the given kinds, without networks."""
     rows = [
-        Robot(condition.task, condition.proposer, 1, 0, k, pre, post, ability, kind)
+        Robot(condition.life, condition.proposer, 1, 0, k, pre, post, ability, kind)
         for condition in conditions
-        for k, (kind, pre, post, ability) in enumerate(kinds[condition.task])
+        for k, (kind, pre, post, ability) in enumerate(kinds[condition.life])
     ]
     size = len(rows) // len(conditions)
     return run_of_rows(

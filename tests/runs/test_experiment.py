@@ -1,6 +1,7 @@
 """What an experiment is: its parameters, its lives, and its random streams."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from strategies import CONDITIONS, experiments
 
 from musebot.controller import BRAINS, Parameters
 from musebot.models import Kinematics
+from musebot.protocols.compare.benchmark import Benchmark
+from musebot.protocols.compare.ppo import PPOTraining
+from musebot.protocols.compare.tune import Tune
 from musebot.protocols.errors import InputError
 from musebot.protocols.runs.cohort import random_streams
 from musebot.protocols.runs.conditions import CohortKey
@@ -52,6 +56,17 @@ def test_an_experiment_has_all_lives_those_of_newborns_and_one_of_its_own():
     for name in ("body@0", "body@13", "body@²"):
         with pytest.raises(InputError, match=f"the life body has the phases 1 to 12, got '{name}'"):
             Experiment().life_of(name)
+
+
+@pytest.mark.parametrize("study", [Experiment, Benchmark, partial(Tune, agent="dqn"), PPOTraining])
+def test_every_declared_field_refuses_a_wrong_value_in_one_line(study):
+    names = [f.name for f in dataclasses.fields(getattr(study, "func", study)) if f.metadata]
+    needed = {"task": "spot_finding"} if study is PPOTraining else {}
+    for name in names:
+        with pytest.raises(InputError, match=f"^{name} must be .*, got an object") as caught:
+            study(**needed, **{name: object()})
+        assert "\n" not in str(caught.value)
+    assert len(names) > 1
 
 
 @pytest.mark.parametrize(

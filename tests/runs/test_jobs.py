@@ -32,7 +32,7 @@ def cohort_job(folder, key=FIXED, save_every=60.0, experiment=SHORT):
 
 def evaluation(folder):
     folder.mkdir(parents=True, exist_ok=True)
-    cost = SHORT.robot_seconds(sum(SHORT.life_of(LEARNER.task).steps()))
+    cost = SHORT.robot_seconds(sum(SHORT.life_of(LEARNER.life).steps()))
     work = functools.partial(simulate_cohort, SHORT, LEARNER)
     return ArrayJob(folder / "one.safetensors", work, cost, {"seed": SHORT.seed})
 
@@ -50,7 +50,7 @@ JOBS = {
     "steady in MuJoCo": of("creative", body="mujoco", brain=BRAINS["steady"]),
     "noise held": of("creative", brain=Parameters(noise_steps=7)),
     "noise for life": of("creative", brain=Parameters(noise_steps=0)),
-    "of a learner": of(LEARNER.proposer, LEARNER.task),
+    "of a learner": of(LEARNER.proposer, LEARNER.life),
     "of networks of a learner": of("musebot:dqn_no_replay", "spot_finding"),
     "on tensors": of("creative"),
     "saved often": lambda folder: cohort_job(folder, CREATIVE, save_every=0.0),
@@ -85,7 +85,7 @@ def test_a_job_stopped_anywhere_continues_to_the_same_bytes(make, tmp_path):
     assert done and whole.done() and not messages
     assert amounts[0] == 0 and amounts[-1] == pytest.approx(whole.cost)
     if isinstance(whole, CohortJob):  # simulated seconds of robots, 160 or 360 minutes times 0.0005
-        seconds = 4.8 if whole.key.condition.task == "wall_avoidance" else 10.8
+        seconds = 4.8 if whole.key.condition.life == "wall_avoidance" else 10.8
         assert whole.cost == pytest.approx(2 * seconds)
     assert amounts == sorted(amounts)
     assert [path.name for path in files_below(tmp_path / "whole")] == [whole.path.name]

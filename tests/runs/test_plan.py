@@ -51,7 +51,7 @@ def test_cohorts_hold_every_robot_once_in_the_order_of_the_plan_but_the_longest_
     size, life_of = plan.experiment.cohort_size, plan.experiment.life_of
     of_plan = [CohortKey(c, n) for c in plan.robots for n in range(plan.robots[c] // size)]
     assert plan.cohorts() == sorted(
-        of_plan, key=lambda key: sum(life_of(key.condition.task).steps()), reverse=True
+        of_plan, key=lambda key: sum(life_of(key.condition.life).steps()), reverse=True
     )
 
 
@@ -127,7 +127,7 @@ def test_cohorts_that_run_at_a_time_need_their_memory_together(robots, memory):
 
 def test_the_size_of_the_results_is_that_of_their_file_before_it_is_compressed(tmp_path, invented):
     experiment = Experiment(cohort_size=20, body="kinematic")
-    rows = [Robot(c.task, c.proposer, 1, 0, 0, 0.0, 0.0, 0.0, "L = 0") for c in CONDITIONS]
+    rows = [Robot(c.life, c.proposer, 1, 0, 0, 0.0, 0.0, 0.0, "L = 0") for c in CONDITIONS]
     lives = {c: invented(experiment, 40 * [row]) for c, row in zip(CONDITIONS, rows, strict=True)}
     write_results(tmp_path, experiment, lives)
     size = len(gzip.decompress((tmp_path / RESULTS_FILE).read_bytes()))

@@ -31,7 +31,7 @@ SHORT = Experiment(seed=9, cohort_size=2, time_scale=0.011)  # 1,056 steps: 1.76
 def lives(condition, counts, valid):
     """Returns lives whose robots had the event in so many steps before and after training."""
     counts = np.array(counts)
-    minutes = len(SHORT.life_of(condition.task).steps_of_minutes())
+    minutes = len(SHORT.life_of(condition.life).steps_of_minutes())
     return Lives(
         np.insert(counts, 1, 0, axis=1).astype(np.int32),
         np.repeat(counts[:, :1], minutes, axis=1).astype(np.int16),
@@ -52,9 +52,9 @@ pairs = st.lists(st.tuples(st.integers(0, 26), st.integers(0, 26), st.booleans()
 def test_times_classes_and_curves_follow_from_the_counts(condition, rows):
     counts, valid = [row[:2] for row in rows], np.array([row[2] for row in rows])
     part = ConditionResults.of(SHORT, condition, lives(condition, counts, valid))
-    steps = SHORT.life_of(condition.task).steps_of_minutes()
+    steps = SHORT.life_of(condition.life).steps_of_minutes()
     for number, ((pre, post), robot) in enumerate(zip(counts, part.robots, strict=True)):
-        assert (robot.task, robot.proposer) == (condition.task, condition.proposer)
+        assert (robot.task, robot.proposer) == (condition.life, condition.proposer)
         assert (robot.seed, robot.cohort, robot.robot) == (9, number // 2, number)
         assert (robot.t_pre_s, robot.t_post_s) == (pre / 10, post / 10)
         assert robot.valid == valid[number]

@@ -33,7 +33,7 @@ PLAN = Plan(EXPERIMENT, {WALLS: 6, SPOT: 4, AGENT: 2})
 
 def sample(condition, robots=2, seed=0, most=600):
     """Returns random lives of robots with at most so many control steps of a minute counted."""
-    draw, schedule = np.random.default_rng(seed), EXPERIMENT.life_of(condition.task)
+    draw, schedule = np.random.default_rng(seed), EXPERIMENT.life_of(condition.life)
     steps = schedule.steps_of_minutes()
     minutes = np.minimum(draw.integers(0, steps + 1, (robots, len(steps))), most)
     pre, post = (minutes[:, schedule.minutes_of(part)].sum(axis=1) for part in ("pre", "post"))

@@ -29,7 +29,7 @@ def check_log(folder, run, robots=2):
     """Checks that TensorBoard shows the mean curves of a run, each minute once."""
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     for condition, tag in TAGS.items():
-        path = folder / "tensorboard" / f"{condition.task}-{condition.proposer}-{robots}"
+        path = folder / "tensorboard" / f"{condition.life}-{condition.proposer}-{robots}"
         events = accumulator.EventAccumulator(str(path)).Reload()
         assert events.Tags()["scalars"] == [tag]
         wanted = run.curves(condition).mean(axis=0)

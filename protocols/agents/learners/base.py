@@ -47,6 +47,15 @@ class OnlineLearner(Agent):
     A subclass registers each tensor that its next steps depend on with `keep`, or with `pair` if it
     needs the tensor of the previous step, too. Checkpoints contain all registered tensors.
 
+    Example:
+      What SARSA with a network would register in its `__init__`:
+
+        self.networks = LayeredNetworks(robots, [self.inputs, 32, len(ACTIONS)], self.generator)
+        self.adam = self.trained("networks", self.networks, self.setting["rate"])
+        self.pair("chosen", torch.zeros(robots, dtype=torch.int64))  # indices in `ACTIONS`
+
+      `choose` sets `self.now["chosen"]`; `update` finds the last one in `self.before["chosen"]`.
+
     Attributes:
       robots: Number of robots, B.
       inputs: Number I of inputs of a network, one for each signal.
@@ -132,12 +141,12 @@ class OnlineLearner(Agent):
     def update(self, reward: Tensor) -> None:
         """Learns from the transition from `before` to `now`, with its reward, shape (B,)."""
 
-    def placed_anew(self) -> None:
-        """Forgets traces of earlier steps; called when robots are placed anew, and in tests."""
+    def forget_traces(self) -> None:
+        """Forgets the traces of earlier steps: when robots are placed anew, and in tests."""
 
     def reset(self) -> None:
         self._placed.fill_(True)
-        self.placed_anew()
+        self.forget_traces()
 
     @torch.no_grad()
     def act(self, state: np.ndarray, learning: bool) -> np.ndarray:
@@ -146,7 +155,7 @@ class OnlineLearner(Agent):
         self._chained.copy_(~self._placed)
         self._placed.fill_(False)
         if not learning:
-            self.placed_anew()  # traces must not bridge a test
+            self.forget_traces()  # they must not bridge a test
         self.now["inputs"].copy_(self.scaled(state))
         return self.choose(self.now["inputs"], learning).numpy()
 

@@ -40,7 +40,9 @@ class LayeredNetworks:
           hidden: Activation function of the hidden layers.
           last_hidden: Activation function of the last hidden layer; None to use `hidden`.
         """
-        self._hidden = [hidden] * (len(sizes) - 3) + [last_hidden or hidden]
+        self._hidden = [hidden] * (len(sizes) - 2)
+        if self._hidden and last_hidden:
+            self._hidden[-1] = last_hidden
         self._shapes = [shape for i, o in pairwise(sizes) for shape in ((o, i), (o,))]
         self._counts = [math.prod(shape) for shape in self._shapes]
         self.flat = torch.zeros(robots, sum(self._counts))

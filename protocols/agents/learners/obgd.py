@@ -93,7 +93,7 @@ class StreamLearner(OnlineLearner):
         self.keep_list("rewards", self._rewards.tensors())
         self._trace = self.keep("rewards.trace", torch.zeros(self.robots, dtype=torch.float64))
 
-    def placed_anew(self) -> None:
+    def forget_traces(self) -> None:
         self._trace.zero_()
 
     def normal_inputs(self, inputs: Tensor, learning: bool) -> Tensor:

@@ -59,7 +59,7 @@ class SarsaLambda(OnlineLearner):
         self._traces = self.keep("traces", torch.zeros(robots, self.MEMORY, self.TILINGS))
         self._decay = torch.as_tensor(setting["discount"] * setting["trace"]).view(-1, 1, 1)
 
-    def placed_anew(self) -> None:
+    def forget_traces(self) -> None:
         self._traces.zero_()
 
     def tiles(self, inputs: Tensor) -> Tensor:

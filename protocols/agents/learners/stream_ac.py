@@ -47,8 +47,8 @@ class StreamAC(StreamLearner):
             self.keep_list(f"{name}.traces", networks.views(descent.traces))
         self.pair("action", torch.zeros(robots, 2))
 
-    def placed_anew(self) -> None:
-        super().placed_anew()
+    def forget_traces(self) -> None:
+        super().forget_traces()
         self.critics_descent.forget()
         self.actors_descent.forget()
 

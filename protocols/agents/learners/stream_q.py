@@ -32,8 +32,8 @@ class StreamQ(StreamLearner):
         self.pair("chosen", torch.zeros(robots, dtype=torch.int64))
         self.pair("exploratory", torch.zeros(robots, dtype=torch.bool))
 
-    def placed_anew(self) -> None:
-        super().placed_anew()
+    def forget_traces(self) -> None:
+        super().forget_traces()
         self.descent.forget()
 
     def choose(self, inputs: Tensor, learning: bool) -> Tensor:
