@@ -7,7 +7,7 @@ import inspect
 
 from tables import table
 
-from musebot.protocols.cli.options import usage
+from musebot.protocols.cli.options import usage_of
 from musebot.protocols.cli.verbs import BENCHMARK, VERBS, verb_class
 
 
@@ -41,7 +41,7 @@ def _section(verb: str) -> str:
 {inspect.cleandoc(command.__doc__ or "")}
 
 ```text
-{usage(f"musebot {verb}", command)}
+{usage_of(f"musebot {verb}", command)}
 ```
 
 {table(("option", "value", "meaning"), rows)}"""

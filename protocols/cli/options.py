@@ -35,7 +35,7 @@ def argument(says: str, values: str, default: Any = dataclasses.MISSING) -> Any:
     return dataclasses.field(default=default, metadata=notes)
 
 
-def usage(prog: str, command: type) -> str:
+def usage_of(prog: str, command: type) -> str:
     """Returns a command's usage, such as "musebot film [OUT] [OPTION ..]"."""
     words = [prog]
     for field in dataclasses.fields(command):

@@ -15,7 +15,7 @@ from ... import __version__
 from ..errors import InputError, nearest
 from ..exit_status import exit_status
 from ..terminal import safe_streams, say
-from .options import usage
+from .options import usage_of
 from .verbs import BENCHMARK, VERBS, verb_class
 
 # Heavy imports (MuJoCo, torch) wait until a verb needs them: help appears at once, and MUJOCO_GL
@@ -112,7 +112,7 @@ def parser_of(command: type, prog: str) -> argparse.ArgumentParser:
     """Returns the parser of a command's arguments."""
     parser = _Parser(
         prog=prog,
-        usage=usage(prog, command),
+        usage=usage_of(prog, command),
         description=command.__doc__,
         allow_abbrev=False,
         add_help=False,
