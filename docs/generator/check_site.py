@@ -10,9 +10,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
-# What a page loads by itself; other links only lead elsewhere when they are clicked.
-_LOADS = {("script", "src"), ("img", "src"), ("iframe", "src"), ("source", "src")}
-_LOADED_LINKS = ("stylesheet", "preconnect", "preload", "icon", "manifest")
+# Links that a page loads by itself; others only lead elsewhere when they are clicked.
+_LOADED_LINKS = {"stylesheet", "preconnect", "preload", "icon", "manifest"}
 
 
 class _Page(HTMLParser):
@@ -27,12 +26,12 @@ class _Page(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         given = {name: value or "" for name, value in attrs}
         self.anchors |= {given[name] for name in ("id", "name") if name in given}
-        for name in ("href", "src"):
+        for name in ("href", "src", "poster"):
             if not (target := given.get(name)):
                 continue
             self.links.append(target)
-            loaded = tag == "link" and given.get("rel", "") in _LOADED_LINKS
-            if loaded or (tag, name) in _LOADS:
+            loaded = tag == "link" and _LOADED_LINKS & set(given.get("rel", "").split())
+            if loaded or name != "href":
                 self.loads.append(target)
 
 

@@ -129,7 +129,8 @@ class Adaptation:
         old = self.recovery[:, -returns:][own].mean(axis=1)
         ratios = (old / controls[self.worlds[-returns:]].T).mean(axis=1)
         low, high = np.quantile(ratios, (0.025, 0.975))
-        return mean, (float(low), float(high))
+        # Resampling equal values gives no width, which does not mean certainty.
+        return mean, (float(low), float(high)) if high - low > 1e-12 else UNKNOWN
 
     def slope(self, newborns: Newborns) -> float:
         """Returns the slope of log2 `relative_recovery` per phase, by linear regression.

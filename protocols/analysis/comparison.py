@@ -72,8 +72,9 @@ def is_paired(ours: Run, other: Run, condition: Condition) -> bool:
 
     A run may be kept without brains, so the brains of each run's first cohort are made again.
     """
-    if ours.experiment.device != other.experiment.device:
-        return False  # other devices have other random streams
+    streams = ("seed", "cohort_size", "device")  # they also begin agents without random weights
+    if any(getattr(ours.experiment, one) != getattr(other.experiment, one) for one in streams):
+        return False
     try:
         first, second = (_newborns(run.experiment, condition) for run in (ours, other))
     except (InputError, RunError):  # the agent is not trusted or not found

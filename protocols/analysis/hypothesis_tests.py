@@ -108,7 +108,8 @@ def larger_mean(first: Sample, second: Sample, words: str, margin: float = 0.0) 
 
 def larger_in_pairs(first: np.ndarray, second: np.ndarray, words: str) -> TestedInequality:
     """Tests by Wilcoxon's signed-rank test whether n robots' first values exceed their second."""
-    name, differences = "Wilcoxon's signed-rank test", first - second
+    # Rounded, because equal differences of floats may differ in their last digit.
+    name, differences = "Wilcoxon's signed-rank test", np.round(first - second, 9)
     differences = differences[differences != 0]
     if len(differences) < FEWEST_RESAMPLED:
         return _untested(f"{words}: too few robots", name)
@@ -129,8 +130,11 @@ def same_share(first: np.ndarray, second: np.ndarray, paired: bool) -> float:
 
     Pairs are tested by McNemar's exact test, independent groups by Fisher's exact test. Both are
     exact forms of a permutation test of shares. `first` (n,) and `second` (m,) mark the robots with
-    the property. If they are paired, robots of the same index are pairs, and n = m.
+    the property. If they are paired, robots of the same index are pairs, and n = m. The p-value is
+    NaN if a group has no robots.
     """
+    if not (len(first) and len(second)):
+        return float("nan")
     if paired:
         only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
         changed = only_first + only_second

@@ -132,8 +132,8 @@ def _summary(columns: Sequence[Column]) -> list[list[str]]:
     for place, column in enumerate(columns):
         for row in column.rows:
             text = mean_cell(row.old.online)
-            worse = column.tests.get(row.name, 1.0) < ALPHA  # NaN: too few robots for a test
-            if not (worse or text == "-"):
+            best = column.tests.get(row.name, 1.0) >= ALPHA  # not if NaN: too few for a test
+            if best and text != "-":
                 text = f"**{text}**"
             cells.setdefault(row.name, ["-"] * len(columns))[place] = text
             scores.setdefault(row.name, [-math.inf] * len(columns))[place] = row.score

@@ -173,7 +173,9 @@ class Tune(Study):
         return ranked[0].trial
 
     def page(self, out: Path) -> Page:
-        life = self.experiment().life_of(self.life)
+        experiment = self.experiment()
+        life = experiment.life_of(self.life)
+        title = ", ".join(filter(None, [life.title, experiment.rehearsal]))
         parts = [words for stage, words in _PARTS.items() if life.steps_of(stage)]
         rows = [["trial", *self.settings, "first round", "second round", *parts]]
         ranked = self.ranked(out)
@@ -193,7 +195,7 @@ class Tune(Study):
             "",
             *table(rows),
             "",
-            f"{life.title}. Values: mean share of time {'' if life.wanted else 'not '}{life.event} "
+            f"{title}. Values: mean share of time {'' if life.wanted else 'not '}{life.event} "
             f"{' and '.join(parts)}. Robots of a setting: {self._robots(False)}, then "
             f"{self.robots}. The columns after the second round belong to it; brackets hold 95 % "
             "intervals over robots. The best of several trials was also lucky: only runs on other "

@@ -38,7 +38,8 @@ def table(rows: Sequence[Sequence[object]], align: str = "") -> list[str]:
 
 def escape(text: str) -> str:
     """Returns Markdown that shows a text, such as a folder's name, as it is, also in a table."""
-    return re.sub(r"([\\`*\[\]|])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
+    marks = r"([\\`*\[\]|~]|(?<![^\W_])_|_(?![^\W_]))"  # an underscore within a word is none
+    return re.sub(marks, r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 # ---- Numbers ----

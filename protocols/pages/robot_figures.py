@@ -113,10 +113,9 @@ def _draw_arena(axis: Axes, batch: Robots, spot: np.ndarray) -> None:
 def draw_path(axis: Axes, track: Track, index: int, shade: str) -> None:
     """Draws a robot's path from a ring to a dot; violet in contact (or in the spot)."""
     points, events = track.poses[:, index, :2], track.events[:, index]
+    steps = np.stack([points[:-1], points[1:], np.full_like(points[1:], np.nan)], axis=1)
     for drawn, paint, thick in ((~events, shade, 0.9), (events, EVENT, 1.2)):
-        # A point is drawn if the step before or after it is; NaN interrupts the line.
-        ends = np.concatenate([drawn[:1], drawn]) | np.concatenate([drawn, drawn[-1:]])
-        axis.plot(*np.where(ends[:, None], points, np.nan).T, color=paint, lw=thick)
+        axis.plot(*steps[drawn].reshape(-1, 2).T, color=paint, lw=thick)  # NaN ends each step
     axis.plot(*points[0], "o", ms=5, mfc="none", mec=INK, mew=1.0)
     axis.plot(*points[-1], "o", ms=5, color=INK)
 

@@ -68,7 +68,8 @@ def markdown(run: Run, behaviour: Behaviour | None = None, *, narrow: bool = Fal
         parts.append(f"{_JOINT}: {values}.\n")
     tested = any(run.experiment.life_of(task).tested for task in run.tasks())
     rounded = _ROUNDED if tested and not run.exact_classes else ""
-    parts.append(f"{_INTERVALS}{').' if run.few else _OF_PAPER}{rounded}\n")
+    with_paper = not run.few and any(map(paper_column, run.conditions()))
+    parts.append(f"{_INTERVALS}{_OF_PAPER if with_paper else ').'}{rounded}\n")
     if not run.few and (results := judge_all(run, behaviour)):
         parts.append(_claims(run.experiment, results))
     return "\n".join(parts)

@@ -9,6 +9,7 @@ from helpers import run_of_rows
 
 from musebot.controller import Parameters
 from musebot.models import Kinematics
+from musebot.protocols.analysis import comparison
 from musebot.protocols.analysis.comparison import _newborns, compare_runs, is_paired
 from musebot.protocols.errors import InputError
 from musebot.protocols.pages import tables
@@ -102,6 +103,12 @@ def test_runs_of_two_bodies_are_pairs_and_of_two_seeds_or_sizes_are_not():
         other = run_of("", {}, **{"cohort_size": 3} | fields)
         assert is_paired(real, other, condition) == expected, fields
     assert not is_paired(real, real, Condition(SF, "unknown.module:agent"))
+
+
+def test_robots_that_begin_with_equal_weights_are_pairs_only_in_equal_streams(monkeypatch):
+    monkeypatch.setattr(comparison, "_newborns", lambda *_: {"table": np.zeros(3)})
+    for fields, expected in (({"body": "kinematic"}, True), ({"seed": 2}, False)):
+        assert is_paired(run_of("", {}), run_of("", {}, **fields), WALLS_FIXED) == expected
 
 
 @pytest.mark.parametrize("fields", [{}, {"body": "kinematic", "backend": "numba"}])

@@ -61,6 +61,7 @@ def test_shares_of_two_groups_are_fishers_exact_test():
     ways = [math.comb(8, k) * math.comb(10, 10 - k) / math.comb(18, 10) for k in range(9)]
     extreme = sum(p for p in ways if p <= ways[7] * (1 + 1e-9))
     assert same_share(first, second, paired=False) == pytest.approx(extreme)
+    assert np.isnan(same_share(first, second[:0], paired=False))
 
 
 def studentized(first, second):
@@ -174,6 +175,12 @@ def test_the_p_value_of_signed_ranks_counts_signs():
     found = hypothesis_tests.larger_in_pairs(first, np.zeros(6), "")
     assert found.p_for == pytest.approx(1 / 2**6)  # all six positive: one way of 64
     assert found.p_against == pytest.approx(1.0)
+
+
+def test_signed_ranks_of_equal_differences_are_equal_however_they_are_rounded():
+    first, second = np.random.default_rng(1).integers(0, 9, (2, 30)).astype(float)
+    found = [hypothesis_tests.larger_in_pairs(first / n, second / n, "") for n in (64, 120)]
+    assert found[0] == found[1]
 
 
 def test_the_joint_test_of_one_pair_with_large_counts_is_the_chi_square_test():

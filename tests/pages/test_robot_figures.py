@@ -69,15 +69,15 @@ def test_without_valid_robots_or_without_brains_there_is_no_figure(name):
 
 def test_a_path_is_violet_where_the_event_happens_and_begins_at_the_ring():
     poses, events = np.zeros((5, 2, 3)), np.zeros((4, 2), bool)
-    poses[:, 1, 0], poses[:, 1, 1], events[2:, 1] = range(5), 7, True
+    poses[:, 1, 0], poses[:, 1, 1], events[[0, 2], 1] = range(5), 7, True
     track = Track(poses, events, np.zeros((2, 2)), np.zeros((4, 2, 2)))
     axis = Figure().subplots()
     robot_figures.draw_path(axis, track, 1, "red")
     plain, violet, ring, dot = axis.lines
     assert (plain.get_color(), violet.get_color()) == ("red", style.EVENT)
-    np.testing.assert_array_equal(plain.get_xdata(), [0, 1, 2, NAN, NAN])
-    np.testing.assert_array_equal(violet.get_xydata()[2:], [[2, 7], [3, 7], [4, 7]])
-    assert np.isnan(violet.get_xydata()[:2]).all()
+    np.testing.assert_array_equal(plain.get_xdata(), [1, 2, NAN, 3, 4, NAN])
+    np.testing.assert_array_equal(violet.get_xdata(), [0, 1, NAN, 2, 3, NAN])
+    np.testing.assert_array_equal(violet.get_ydata(), [7, 7, NAN, 7, 7, NAN])
     assert ring.get_markerfacecolor() == "none" != dot.get_markerfacecolor()
     assert (ring.get_xydata().tolist(), dot.get_xydata().tolist()) == ([[0, 7]], [[4, 7]])
 
