@@ -36,7 +36,7 @@ class Neurocontroller:
       evaluation: Evaluation network, which computes the values of actions.
       memory: Creative memory, which proposes actions; None unless the proposer is "creative".
       generator: Random stream of all draws.
-      epsilon: Probability of an exploratory action in training, a `Schedule`.
+      epsilon: Probability that a robot begins to explore in training, a `Schedule`.
       learn_rate: Learn rate of the evaluation network, a `Schedule`.
     """
 

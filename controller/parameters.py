@@ -34,8 +34,9 @@ class Parameters(Checked):
       evaluation_hidden: Number of hidden neurons of the evaluation network (section 3).
       learn_rate: Learn rate eta of the evaluation network (Eq. 1, section 3).
       discount: Discount factor gamma of V(t + 1) in Eq. 1 (section 3).
-      epsilon: Probability of an exploratory action in a step of training (section 3).
-      test_epsilon: Probability of an exploratory action in the tests before and after training
+      epsilon: Probability that a robot which is not exploring begins an exploratory action in a
+        step of training (section 3).
+      test_epsilon: The same probability in the tests before and after training
         (not stated in the paper).
       fixed_motors: Motor values whose pairs (left, right) are the fixed proposer's actions
         (section 3).

@@ -18,7 +18,7 @@ from .base import Agent, sound
 # Folders whose code is not the user's: ours, Python's and that of two libraries. Without a
 # virtual environment, Python's folder contains the packages' folder.
 _LIBRARIES = Path(np.__file__).parents[1]
-_OURS = "<", str(Path(__file__).parents[1]), *(str(_LIBRARIES / n) for n in ("numpy", "torch"))
+_OURS = "<", str(Path(__file__).parents[2]), *(str(_LIBRARIES / n) for n in ("numpy", "torch"))
 _PYTHON = sysconfig.get_paths()["stdlib"]
 
 

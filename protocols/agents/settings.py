@@ -46,12 +46,13 @@ class Setting:
         """Raises ValueError if the default or the range is invalid."""
         if type(self.default) is bool:
             raise ValueError("a setting is a number; take 0 and 1 for no and yes")
-        if not -1e300 <= self.low <= self.high <= 1e300:
+        most = 2**53 if self.whole else 1e300
+        if not -most <= self.low <= self.high <= most:
             raise ValueError(f"a range must be ordered and finite, got [{self.low}, {self.high}]")
+        if self.whole and (self.low % 1 or self.high % 1):
+            raise ValueError(f"a whole number's range must be, too, got [{self.low}, {self.high}]")
         if self.log and not self.low > 0:
             raise ValueError(f"a logarithmic range must be above 0, got {self.low}")
-        if self.log and self.whole and self.low < 1:
-            raise ValueError(f"a logarithmic range of whole numbers begins at 1, got {self.low}")
         if not self.low <= self.default <= self.high:
             raise ValueError(f"{self.default} does not lie in [{self.low}, {self.high}]")
 

@@ -175,7 +175,7 @@ class Cohort:
         if self.step != leg.start or self._entered == leg.start:
             return
         place(self.batch, leg.phase, self._random)
-        if leg.phase.robot is not None:
+        if leg.phase.robot is not None or not leg.start:
             self.agent.reset()
         self._entered = self.step
 

@@ -17,7 +17,6 @@ from ...tasks.episode import CONTROL_TIMESTEP
 from ...tasks.kinematic import make_kinematic_batch
 from ...tasks.lives import LIVES, Life, life_from, life_named
 from ...tasks.sensors import NoseForm
-from ...tasks.starts import FROM_WALLS
 from ...tasks.suite import TASKS, Edit, make_batch
 from ..errors import InputError, nearest
 
@@ -45,8 +44,8 @@ class Experiment:
       nose: Form of Eq. 3: "inverse", in which the smell falls with the distance, or "printed", in
         which it grows (see `tasks.sensors.Nose`).
       nose_place: Place of the nose: "front" of the rim, or "centre" of the robot.
-      learn_across_placement: Whether robots learn from the step that spans a new placement (not
-        stated in the paper).
+      learn_across_placement: Whether robots with a brain learn from the step that spans a new
+        placement (not stated in the paper).
       motor_speed: Speed of a wheel at motor value 0.5, in [m/s]; None for that of `robot.xml`.
       motor_torque: Stall torque of the motors if `motor_speed` is set: "constant", so that faster
         wheels lag behind for longer, or "scaled" with the speed, so that the lag stays equal.
@@ -95,7 +94,7 @@ class Experiment:
             isinstance(word, str) for word in self.settings
         ):
             raise InputError(f"settings must be words NAME=VALUE, got {shown(self.settings)}")
-        printed, radius = self.nose == "printed", self.kinematics.radius
+        printed = self.nose == "printed"
         warp, kinematic = self.physics == "warp", self.body == "kinematic"
         numba = self.backend == "numba"
         excluded = {
@@ -103,9 +102,6 @@ class Experiment:
                 printed and (self.brain.raw_signals or self.brain.raw_reward)
             ),
             "raw signals need the nose 'inverse'": printed and self.signals == "raw",
-            f"the radius must be less than {FROM_WALLS:g} m, got {radius}": (
-                (radius or 0) >= FROM_WALLS
-            ),
             "only the body 'kinematic' or the physics 'warp' can be simulated on a GPU": (
                 self.device != "cpu" and not kinematic and not warp
             ),

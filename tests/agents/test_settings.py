@@ -41,9 +41,11 @@ def test_a_share_of_a_range_lies_at_that_share_of_it(share):
 def test_a_range_that_does_not_suit_its_kind_is_an_error_of_the_agents_author():
     for wrong, words in (
         ((True, 0, 1), "take 0 and 1 for no and yes"),
-        ((1, 0.5, 9, "", True), "whole numbers begins at 1"),
+        ((1, 0.5, 9, "", True), "a whole number's range must be, too"),
+        ((1, 0, 9, "", True), "a logarithmic range must be above 0, got 0"),
         ((0.5, 0.0, 1.0, "", True), "a logarithmic range must be above 0, got 0.0"),
         ((1.0, 0, float("inf")), r"a range must be ordered and finite, got \[0, inf\]"),
+        ((1, 0, 1e300), "a range must be ordered and finite"),
         ((2, 0, 1), r"2 does not lie in \[0, 1\]"),
     ):
         with pytest.raises(ValueError, match=words):

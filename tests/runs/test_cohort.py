@@ -269,6 +269,16 @@ def test_a_weight_that_is_not_finite_at_birth_is_noticed_at_once(monkeypatch):
     assert small_cohort().valid.tolist() == [True, True, False]
 
 
+def test_an_agent_is_reset_before_its_first_step_and_when_robots_are_placed(monkeypatch):
+    for life, expected in (("body", 1), ("spot_finding", 2)):
+        experiment = Experiment(cohort_size=2, body="kinematic", time_scale=0.0005)
+        cohort = Cohort(experiment, CohortKey(Condition(life, "creative"), 0))
+        agent, steps = cohort.agent, []
+        monkeypatch.setattr(agent, "reset", lambda own=cohort, steps=steps: steps.append(own.step))
+        cohort.advance(10**9)
+        assert steps[0] == 0 and len(steps) == expected
+
+
 # Lives that change
 
 

@@ -31,7 +31,6 @@ def test_fields_that_exclude_each_other_are_refused_in_a_sentence():
         ({"settings": (1,)}, "settings must be words NAME=VALUE, got (1,)"),
         (kinematic | {"motor_torque": "scaled"}, "torque needs the body 'mujoco'"),
         ({"kinematics": Kinematics(wall="slides")}, "kinematics need the body 'kinematic'"),
-        (kinematic | {"kinematics": Kinematics(radius=0.4)}, "radius must be less than 0.1 m"),
         ({"nose": "printed", "signals": "raw"}, "raw signals need the nose 'inverse'"),
         ({"device": "cuda"}, "only the body 'kinematic' or the physics 'warp'"),
         (kinematic | {"physics": "warp"}, "the physics 'warp' needs the body 'mujoco'"),

@@ -26,7 +26,7 @@ class SarsaLambda(OnlineLearner):
     defaults. Each tile has its own weight if a tiling has at most `cells` tiles; otherwise a hash
     of the tile's numbers chooses one of `cells` weights. The source advises a
     power of two of tilings, at least four times the number of signals. Here there are 8, so that
-    signals five places apart are displaced alike.
+    signals four places apart are displaced alike.
     """
 
     TILINGS, MEMORY = 8, 48
