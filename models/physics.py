@@ -75,6 +75,7 @@ class Physics(mujoco.Physics):
     def place_spot(self, x: float, y: float) -> None:
         """Places the spot's centre at x, y in [m]; sensors show it from the next step on."""
         self._spot[:] = x, y
+        mj.mj_kinematics(self.model.ptr, self.data.ptr)  # for pictures
 
     def render(self, height: int = 240, width: int = 320, *args: Any, **kwargs: Any) -> np.ndarray:
         """Returns dm_control's picture of a camera; the model's buffer grows to fit it.
@@ -84,11 +85,12 @@ class Physics(mujoco.Physics):
         if not self.qpos.size:
             raise RuntimeError("the environment is closed")
         check_process()
-        if fit_buffer(self.model.ptr, width, height) and self._contexts:
-            size = self.model.vis.global_
-            with self._contexts.gl.make_current() as executor:
-                context = self._contexts.mujoco.ptr
-                executor.call(mj.mjr_resizeOffscreen, size.offwidth, size.offheight, context)
+        fit_buffer(self.model.ptr, width, height)
+        if self._contexts:
+            size, context = self.model.vis.global_, self._contexts.mujoco.ptr
+            if context.offWidth < width or context.offHeight < height:
+                with self._contexts.gl.make_current() as executor:
+                    executor.call(mj.mjr_resizeOffscreen, size.offwidth, size.offheight, context)
         return super().render(height, width, *args, **kwargs)
 
     def _make_rendering_contexts(self) -> None:

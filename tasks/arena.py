@@ -124,7 +124,8 @@ class Task(base.Task):
         """Returns the sensor signals by name, each of shape (n,)."""
         observations = self.rules.observations(physics.readings)
         # Copies: rules may return views of the measurements, which the next step overwrites.
-        return collections.OrderedDict([(k, np.array(v[0])) for k, v in observations.items()])
+        copies = ((name, np.array(values[0], float)) for name, values in observations.items())
+        return collections.OrderedDict(copies)
 
     def observation_spec(self, physics: Physics) -> collections.OrderedDict[str, Any]:
         del physics
@@ -185,8 +186,8 @@ class Environment(control.Environment):
         """
         check_stage(self.stage, "closed")
         self.task.start = self.task.episode.start_with(options)
-        timestep = super().reset()
         self.stage = "failed"  # until the pose has been found stable
+        timestep = super().reset()
         # Not in `initialize_episode`, which is called before the pose is in the sensors.
         self.task.end_step(self.physics)
         self.stage = "running"
@@ -332,7 +333,7 @@ class TaskDefinition(Checked):
             raise ValueError(f"spot_seconds must be a multiple of 0.1 s, got {self.spot_seconds}")
         edits: Any = self.edits
         if not isinstance(edits, tuple | list) or not all(map(callable, edits)):
-            raise ValueError(f"edits must be functions that edit an arena, got {edits!r:.60}")
+            raise ValueError(f"edits must be a tuple of functions on an arena, got {edits!r:.60}")
 
     def spec(self, motor_speed: float | None = None, edits: Sequence[Edit] = ()) -> mj.MjSpec:
         """Returns the task's arena, see `arena_spec`; further edits follow the task's own."""

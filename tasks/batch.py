@@ -56,8 +56,8 @@ def substeps_of(model: mujoco.MjModel) -> int:
     """Returns how many physics steps make 0.1 s; ValueError unless a whole number up to 10,000."""
     timestep = model.opt.timestep
     substeps = round(CONTROL_TIMESTEP / timestep) if timestep > 1e-9 else 0
-    exact = abs(substeps * timestep - CONTROL_TIMESTEP) <= 1e-9
-    if not exact or substeps > _MOST_SUBSTEPS:
+    exact = substeps > 0 and abs(CONTROL_TIMESTEP / timestep - substeps) <= 1e-8  # as in dm_control
+    if not exact or timestep > CONTROL_TIMESTEP or substeps > _MOST_SUBSTEPS:
         raise ValueError(
             f"the timestep must divide 0.1 s, into at most {_MOST_SUBSTEPS} steps, got {timestep}"
         )

@@ -67,6 +67,8 @@ class Phase(Checked):
     def __post_init__(self) -> None:
         """Raises ValueError where a value is not allowed."""
         super().__post_init__()
+        if not isinstance(self.world, World):
+            raise ValueError(f"world must be a World, got {self.world!r:.60}")
         for name, length in _NUMBERS.items():
             place = getattr(self, name)
             if place is not None and not (isinstance(place, str) and place == "random"):
@@ -141,7 +143,7 @@ class Life(Checked):
         super().__post_init__()
         stages = [STAGES.index(phase.stage) for phase in self.phases]
         if not stages or stages != sorted(stages):
-            raise ValueError(f"phases must be ordered by stage: {', '.join(STAGES)}")
+            raise ValueError(f"phases must be one or more, ordered by stage: {', '.join(STAGES)}")
         before, after = (
             sum(phase.minutes for phase in self.phases if phase.stage == stage)
             for stage in ("pre", "post")

@@ -112,7 +112,7 @@ class Rules(abc.ABC):
     def checked_reward(self, sensordata: np.ndarray) -> np.ndarray:
         """Returns `reward(sensordata)`, shape (...), after a check.
 
-        Raises ValueError unless rewards are finite numbers of this shape, within `rewards`.
+        Raises ValueError unless rewards are real numbers of this shape, within `rewards`.
         """
         found = np.asarray(self.reward(sensordata))
         if not within(found, sensordata.shape[:-1], self.rewards):

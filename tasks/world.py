@@ -87,7 +87,8 @@ def _tuples(value: Any) -> Any:
 def _is_sensor(entry: Any) -> bool:
     if not isinstance(entry, tuple) or len(entry) != 3 or entry[0] not in SENSORS:
         return False
-    return all(type(value) in (int, float) and -1 <= value <= 1 for value in entry[1:])
+    real = (isinstance(value, int | float) and type(value) is not bool for value in entry[1:])
+    return all(real) and all(-1 <= value <= 1 for value in entry[1:])
 
 
 @dataclasses.dataclass(frozen=True)
@@ -108,7 +109,8 @@ class WorldRules(Rules):
         """Raises ValueError, see `World.rules`."""
         for name in ("shapes", "rewards", "maximal", "has_nose"):
             object.__setattr__(self, name, getattr(self.task, name))
-        sensed = {name for kind in self.shapes for name in sensor_names(kind, 1)}
+        kinds = ((kind, length) for kind, (length, *_) in self.shapes.items())
+        sensed = {name for kind in kinds for name in sensor_names(*kind)}
         for name, *_ in self.world.sensors:
             if name not in sensed:
                 names = ", ".join(sorted(sensed & {*SENSORS})) or "none that can be wrong"
@@ -158,4 +160,5 @@ class WorldRules(Rules):
 
 def sensor_names(kind: str, length: int) -> tuple[str, ...]:
     """Returns the name of the sensor behind each number of an observation."""
-    return RANGEFINDERS if kind == "distances" else (kind,) * length
+    ours = kind == "distances" and length == len(RANGEFINDERS)
+    return RANGEFINDERS if ours else (kind,) * length

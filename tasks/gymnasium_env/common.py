@@ -64,7 +64,7 @@ LIFE_INFO: Mapping[str, str] = {
     "learning": "whether the robot learns in this phase; False in a test",
     "placed": "whether the robot was placed after this step",
     "changed": "whether the world changed after this step",
-    "reached": "whether this step reached what its world rewarded: a robot in the spot, or driving",
+    "reached": "whether the measured event held: in the spot, driving or, among walls, in contact",
 }
 
 

@@ -105,9 +105,9 @@ class ArenaEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         environment = self._environment
         environment.task.episode.start_with(options)  # refuses before anything changes
+        super().reset(seed=seed)
         if environment.stage == "closed":
             environment.stage = "new"
-        super().reset(seed=seed)
         environment.task.reseed(self.np_random)
         timestep = environment.reset(options=options)
         self._counts = [0, 0]

@@ -403,7 +403,7 @@ class ArenaVectorEnv(gymnasium.vector.VectorEnv):
         """Returns whether each robot reaches what its world rewards, shape (B,)."""
         if not self._episode.life:
             return self._reached
-        return self._batch.rules.event(self._batch.sensordata)
+        return self._batch.rules.event(self._batch.sensordata).astype(bool)
 
     def _info(self, robots: np.ndarray | None = None) -> dict[str, Any]:
         """Returns the entries of `INFO`, each with a mask, as Gymnasium's own batches do.

@@ -163,7 +163,11 @@ class WarpTensors(TensorRobots):
     _MOTORS = torch.float64
 
     def __init__(self, batch: Batch) -> None:
-        """Makes robots in the arena of a batch, at the origin."""
+        """Makes robots in the arena of a batch, at the origin.
+
+        Raises ValueError if the batch has entered another world.
+        """
+        self.enter(batch.world)
         batch = WarpBatch(batch.model, batch.rules, batch.robots)
         super().__init__(batch)
         self._warp = batch.warp

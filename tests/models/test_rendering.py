@@ -45,6 +45,8 @@ seen["std"] = float(small.std())
 seen["twice"] = bool((physics.render(64, 96, "overhead") == small).all())
 seen["large"] = physics.render(720, 1280, "overhead").shape
 seen["after large"] = bool((physics.render(64, 96, "overhead") == small).all())
+twin = physics.copy(share_model=True)  # its picture enlarges the buffer of the shared model
+seen["shared"] = bool((twin.render(960, 1600) == physics.render(960, 1600)).all())
 
 
 def make(mode="rgb_array", **kwargs):
@@ -258,7 +260,7 @@ def test_pictures_depth_and_films_are_made_without_a_display(egl, tmp_path):
     seen = json.loads(done.stdout.splitlines()[-1])
     # dm_control renders twice, in any size; EGL is chosen by the first picture and not before.
     assert seen["std"] > 0 and seen["twice"]
-    assert seen["large"] == [720, 1280, 3] and seen["after large"]
+    assert seen["large"] == [720, 1280, 3] and seen["after large"] and seen["shared"]
     assert seen["before"] == [None, False] and seen["after"] == ["egl", False]
     # Gymnasium renders the same picture, and environments leave each other's pictures alone.
     shape, dtype, std, large = seen["gymnasium"]

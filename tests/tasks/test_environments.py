@@ -100,6 +100,14 @@ class Vector(Single):
 KINDS = [DmControl, Single, Vector]
 
 
+def test_a_spot_that_moves_is_drawn_at_once():
+    env = musebot.load("arena", "spot_finding")
+    env.reset()
+    env.physics.place_spot(0.1, -0.2)
+    drawn = env.physics.named.data.site_xpos["spot", ["x", "y"]]
+    np.testing.assert_array_equal(drawn, [0.1, -0.2])
+
+
 @pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
 def make(request):
     return request.param

@@ -193,7 +193,7 @@ WRONG = {
     "a life must have a name": {"task": "spot_finding", "phases": [{}]},
     "name must be at most 40 lower case letters": GOOD | {"name": "My life"},
     "title must be 1 to 60 characters": GOOD | {"title": ""},
-    "phases must be ordered by stage: pre, training, post": GOOD
+    "phases must be one or more, ordered by stage: pre, training, post": GOOD
     | {"phases": [{"stage": "post"}, {"stage": "pre"}]},
     "both tests must last equally long, got 1 and 2 min": GOOD
     | {"phases": [{"stage": "pre", "minutes": 1}, {"stage": "post", "minutes": 2}]},
@@ -206,6 +206,11 @@ def test_what_is_no_life_is_refused_with_one_sentence(words):
     with pytest.raises(ValueError, match=words) as caught:
         life_from(WRONG[words])
     assert "\n" not in str(caught.value)
+
+
+def test_a_world_as_a_file_has_it_is_refused_in_python():
+    with pytest.raises(ValueError, match="world must be a World, got {'nose': 90}"):
+        Phase(world={"nose": 90})
 
 
 # Lives that change

@@ -204,7 +204,8 @@ WRONG = [
     ("mine", Still, {"time_limit": -1}, r"time_limit must be a number in .*, got -1"),
     *[("mine", Still, {"model": value}, "model must be an MJCF file, got ")
       for value in ("none.xml", "/nowhere", "/", None, 5, "x\0")],
-    *[("mine", Still, {"edits": value}, "edits must be functions") for value in (None, 5, (None,))],
+    *[("mine", Still, {"edits": value}, "edits must be a tuple of functions")
+      for value in (None, 5, (None,))],
     *[("mine", Still, edited(lambda spec, t=t: setattr(spec.option, "timestep", t)),
        "the timestep must divide 0.1 s, into at most 10000 steps, got ")
       for t in (0, -0.01, 0.003, 1e-300, 1e-320, np.nan, 0.2)],

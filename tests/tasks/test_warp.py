@@ -11,6 +11,7 @@ from musebot.tasks import make_batch
 from musebot.tasks.batch import CapacityError
 from musebot.tasks.tensors import warp as engine
 from musebot.tasks.tensors.warp import WarpBatch, WarpTensors
+from musebot.tasks.world import World
 
 TASKS = ("spot_finding_walls", "wall_avoidance_obstacles")
 
@@ -109,6 +110,13 @@ def test_tensors_do_what_the_batch_on_the_host_does_and_read_no_number():
         assert not operations & {"aten::item", "aten::_local_scalar_dense", "aten::nonzero"}
     for name, array in warp.arrays().items():
         np.testing.assert_array_equal(tensors.arrays()[name], array, err_msg=name)
+
+
+def test_tensors_refuse_a_batch_in_another_world():
+    ours, _ = pair(1)
+    ours.enter(World(wheels=(-1.0, 0.0, 0.0, 1.0)))
+    with pytest.raises(ValueError, match="have the default world only"):
+        WarpTensors(ours)
 
 
 def test_dropped_contacts_are_an_error_that_ends_an_episode_of_gymnasium(monkeypatch):

@@ -140,6 +140,13 @@ def test_a_world_of_what_the_robot_does_not_sense_is_refused(task, world, senten
     assert type(batch.rules) is TASKS[task].rules
 
 
+def test_distances_that_are_not_the_four_of_our_robot_cannot_be_wrong():
+    rules = make_batch("wall_avoidance", 1).rules
+    three = type("Three", (type(rules),), {"shapes": {"distances": (3, 0, 1)}})(rules.layout)
+    with pytest.raises(ValueError, match="are none that can be wrong, got 'front'"):
+        World(sensors=(("front", 0, np.float64(0)),)).rules(three, 0.0)
+
+
 def test_lists_as_files_have_them_make_a_world():
     lists = World(wheels=[-1.0, 0, 0, 1], sensors=[["nose", 0, 1]])
     assert lists == World(REVERSED.wheels, sensors=(("nose", 0, 1),))
