@@ -150,13 +150,13 @@ def test_tuned_settings_are_used_and_learners_and_lives_are_added(
         conduct(dataclasses.replace(study, seed=5), out, in_process())
 
 
-def test_learners_with_too_few_robots_for_a_test_are_bold_unless_they_have_no_score():
+def test_learners_with_too_few_robots_for_a_test_and_those_without_a_score_are_not_bold():
     rows = [
         lives_page.Row(name, np.array([]), Mock(online=np.full(2, score)), [])
         for name, score in (("worse", 0.1), ("none", np.nan), ("best", 0.9))
     ]
     _, *table = lives_page._summary([lives_page.Column(BODY, Mock(), rows)])
-    assert table == [["best", "**0.900**"], ["worse", "**0.100**"], ["none", "-"]]
+    assert table == [["best", "**0.900**"], ["worse", "0.100"], ["none", "-"]]
 
 
 @pytest.mark.slow
