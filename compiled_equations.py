@@ -16,11 +16,25 @@ import numpy as np
 
 F = np.float32  # brains compute in single precision; F turns a number into one
 
+
+def _compiled(**options):
+    """Returns a decorator that compiles, and keeps what it compiled where a folder can be written.
+
+    Elsewhere, each process compiles anew.
+    """
+
+    def decorate(function):
+        try:
+            return numba.njit(function, error_model="numpy", cache=True, **options)
+        except RuntimeError:  # neither the package's folder nor the user's can be written
+            return numba.njit(function, error_model="numpy", **options)
+
+    return decorate
+
+
 # In brains, sums may be reordered and fused; NaN and infinity keep their meaning.
-_brain = numba.njit(
-    fastmath={"reassoc", "contract", "arcp", "nsz"}, error_model="numpy", cache=True
-)
-_body = numba.njit(error_model="numpy", cache=True)
+_brain = _compiled(fastmath={"reassoc", "contract", "arcp", "nsz"})
+_body = _compiled()
 
 # ---- The brain ----
 

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, track
+from rich.progress import BarColumn, Progress, TextColumn, track
 from rich.text import Text
 
 from .terminal import notice, printable, say_if_possible
@@ -101,7 +101,6 @@ class JobProgress:
             BarColumn(),
             TextColumn("{task.percentage:5.1f} %"),
             TextColumn("{task.fields[speed]}"),
-            TimeElapsedColumn(),
             TextColumn("{task.fields[left]}"),
             console=Console(stderr=True),
             disable=quiet or self._log,
@@ -120,7 +119,8 @@ class JobProgress:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._progress.stop()
+        with contextlib.suppress(OSError, ValueError):  # the terminal has gone
+            self._progress.stop()
         if self._log and self._shown != sum(self._done.values()):
             notice(self.line())
 
@@ -129,7 +129,8 @@ class JobProgress:
         if self._progress.disable:
             say_if_possible(sentence)
         else:
-            self._progress.console.print(Text(printable(sentence), "yellow"))
+            with contextlib.suppress(OSError, ValueError):
+                self._progress.console.print(Text(printable(sentence), "yellow"))
 
     def show(self, reports: Any) -> None:
         """Shows all reports in a queue: (number of the job, simulated seconds done, message)."""

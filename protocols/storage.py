@@ -54,12 +54,12 @@ def checked_file(path: Path) -> Path:
       InputError: the file cannot be written, or is a link.
     """
     path = resolved(path.parent) / path.name
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        missing = "cannot be written" if os.path.isdir(path.parent) else "is no folder"
+        raise InputError(f"{path.parent} {missing}")
     if path.is_symlink() or (path.exists() and not path.is_file()):
         kind = "a link" if path.is_symlink() else "a folder" if path.is_dir() else "no regular file"
         raise InputError(f"{path} is {kind}; name a file")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        missing = "cannot be written" if path.parent.is_dir() else "is no folder"
-        raise InputError(f"{path.parent} {missing}")
     return path
 
 

@@ -127,6 +127,17 @@ def test_a_failing_stderr_stops_no_work(number, quiet, monkeypatch):
     assert exit_status(lambda: notice("unheard")) == 0
 
 
+def test_a_terminal_that_goes_during_the_work_stops_none(monkeypatch):
+    stream = io.StringIO()
+    stream.isatty = lambda: True
+    monkeypatch.setattr("sys.stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with JobProgress("jobs", [1.0]) as progress:
+        stream.write = Failing(errno.EIO).write
+        progress.tell("a message")
+        progress.show(queue.Queue())
+
+
 def test_messages_are_shown_in_quiet_too(capfd):
     for quiet in (False, True):
         with JobProgress("three cohorts", [7200.0], quiet) as progress:

@@ -133,8 +133,11 @@ class Run:
         if self.robots is not None:
             check_robots(self.robots)
         base = held.experiment if held else Experiment()
-        values = dict(config.values) | self._values(base)
+        earlier = config.values.get("settings", base.settings)
+        values = dict(config.values) | self._values(base, earlier)
         lives = self._lives(values)
+        if not (lives or config.robots or held) and values.get("life") is not None:
+            lives = [values["life"].name]
         try:
             experiment = changed(base, values)
         except InputError as error:
@@ -173,31 +176,36 @@ class Run:
             names.append(word)
         return names
 
-    def _values(self, base: Experiment) -> dict[str, Any]:
-        """Returns the values that the command gives, as `experiment.changed` takes them."""
+    def _values(self, base: Experiment, earlier: Any) -> dict[str, Any]:
+        """Returns the values that the command gives, as `experiment.changed` takes them.
+
+        Settings of agents that the command does not give are those of `earlier`.
+        """
         from ...controller import Parameters
         from ...models import Kinematics
         from ..agents.settings import settings_from
         from ..runs.config import named_brain, named_reading, values_of
 
-        values: dict[str, Any] = {}
-        if self.reading is not None:
-            values |= named_reading(self.reading)
-            if self.body not in (None, values["body"]):
-                values["kinematics"] = Kinematics()  # the reading's kinematics fit only its body
-        values |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
-        if self.brain is not None:
-            values["brain"] = named_brain(self.brain)
-        settings = [word[6:] for word in self.set if word.startswith("agent.")]
-        if settings:
-            settings_from(settings, several=True)  # refuses what is no setting
-            values["settings"] = tuple(sorted(settings))
         parts = {"brain": Parameters, "kinematics": Kinematics}
         own = [field.name for field in dataclasses.fields(base)]
         known = ["agent.NAME", *(name for name in own if name not in (*parts, "settings", "life"))]
         for part, cls in parts.items():
             known += [f"{part}.{field.name}" for field in dataclasses.fields(cls)]
         given = values_of([word for word in self.set if not word.startswith("agent.")], known)
+        values: dict[str, Any] = {}
+        if self.reading is not None:
+            values |= named_reading(self.reading)
+            if given.get("body", self.body) not in (None, values["body"]):
+                values["kinematics"] = Kinematics()  # the reading's kinematics fit only its body
+        values |= {name: x for name in _FIELDS if (x := getattr(self, name)) is not None}
+        if self.brain is not None:
+            values["brain"] = named_brain(self.brain)
+        settings = [word[6:] for word in self.set if word.startswith("agent.")]
+        if settings:
+            names = settings_from(settings, several=True)  # refuses what is no setting
+            words = map(str, earlier if isinstance(earlier, list | tuple) else ())
+            kept = (word for word in words if word.partition("=")[0] not in names)
+            values["settings"] = tuple(sorted([*kept, *settings]))
         for name in _FIELDS:
             if name in given and getattr(self, name) is not None:
                 raise InputError(f"{name} is given twice, by --{name.replace('_', '-')} and --set")

@@ -113,8 +113,8 @@ class Experiment:
             "kinematics need the body 'kinematic'": (
                 not kinematic and self.kinematics != Kinematics()
             ),
-            "the motor torque needs the body 'mujoco'": (
-                kinematic and self.motor_torque != "constant"
+            "the motor torque needs the body 'mujoco' and a motor speed": (
+                self.motor_torque != "constant" and (kinematic or self.motor_speed is None)
             ),
         }
         for sentence, wrong in excluded.items():

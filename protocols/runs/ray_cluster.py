@@ -48,8 +48,8 @@ class RayCluster:
         reports = Queue(actor_options={"num_cpus": 0, "scheduling_strategy": here})
         # A file in a job's folder stops the job: every node sees it.
         stop_file = draft_name("stop")
-        # Retried without limit: a lost node leaves a checkpoint.
-        task = ray.remote(num_cpus=1, max_retries=-1)(_run)
+        # Retried, because a lost node leaves a checkpoint; not for ever: a job may crash each time.
+        task = ray.remote(num_cpus=1, max_retries=10)(_run)
         waiting = {task.remote(*each, reports, stop_file): each[1] for each in enumerate(jobs)}
         complete = True
         try:

@@ -134,9 +134,9 @@ def read_run(directory: Path, *, replay: bool = False, networks: bool = True) ->
       InputError: the folder holds no run or no finished robots, a file is damaged, or networks are
         missing.
     """
-    if not directory.exists():
+    if not os.path.isdir(directory):  # False, unlike Path's, below a folder that is closed to us
         raise InputError(f"there is no folder {directory}")
-    if not (directory / MANIFEST).is_file():
+    if not os.path.isfile(directory / MANIFEST):
         inside = sorted(path.parent.name for path in directory.glob(f"*/{MANIFEST}"))
         runs = f"; it has the runs {', '.join(inside[:9])}" if inside else ""
         raise InputError(f"{directory} holds no experiment of musebot's{runs}")

@@ -334,6 +334,8 @@ class UnfinishedRun:
         self.lives[key] = lives
         self.left.remove(key)
         if not self.left:
+            held = read_manifest(self.directory)  # of another run, if this one's folder was moved
+            check_identity(self.directory, vars(held.experiment), vars(self.plan.experiment))
             self.measured = joined(self.measured, self.lives.items())
             write_results(self.directory, self.plan.experiment, self.measured)
             self.lives.clear()

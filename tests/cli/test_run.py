@@ -23,6 +23,7 @@ from musebot.protocols.runs.config import READINGS, Config, read_config, read_li
 from musebot.protocols.runs.experiment import Experiment
 from musebot.protocols.runs.manifest import MANIFEST, read_manifest
 from musebot.protocols.runs.plan import Plan
+from musebot.tasks.lives import Life, Phase
 
 SHORT = {"time_scale": 0.001, "body": "kinematic", "quiet": True}
 SF = Condition("spot_finding", "creative")
@@ -46,7 +47,8 @@ CHANGED = {
 def test_every_field_of_an_experiment_is_set_by_a_word():
     for name, value in CHANGED.items():
         word = f"{name}={value if isinstance(value, str) else json.dumps(value)}"
-        assert getattr(planned(robots=2, set=(word,)).experiment, name) == value
+        needed = ("motor_speed=0.1",) if name == "motor_torque" else ()
+        assert getattr(planned(robots=2, set=(word, *needed)).experiment, name) == value
 
 
 def test_parts_have_dotted_names_and_parts_that_are_not_set_stay():
@@ -64,7 +66,8 @@ def test_a_reading_sets_its_fields_and_other_words_come_first():
     assert (other.nose, other.nose_place) == ("printed", "centre")
     assert other.kinematics == dataclasses.replace(plain.kinematics, lag=0.1)
     # In another body the reading's kinematics, those of its own body, have no meaning.
-    assert planned(reading="plain", body="mujoco").experiment.kinematics == Kinematics()
+    for other in ({"body": "mujoco"}, {"set": ("body=mujoco",)}):
+        assert planned(reading="plain", **other).experiment.kinematics == Kinematics()
     assert planned().experiment == planned(reading="body").experiment
 
 
@@ -93,6 +96,23 @@ def test_settings_in_a_file_of_brains_and_agents_hold_whatever_the_command_choos
     file = Config({"settings": ("rate=0.1",)}, {SF: 2, dqn: 2})
     assert planned(file=file, proposer=("creative",)).robots == {SF: 2}
     assert planned(file=file, agent=("dqn",)).experiment.settings == ("rate=0.1",)
+
+
+def test_settings_that_the_command_does_not_give_are_those_of_the_file_or_of_the_folder():
+    rows, settings = {Condition(SF.life, "musebot:dqn"): 2}, ("hidden=32", "rate=0.1")
+    held = Plan(Experiment(cohort_size=2, settings=settings), rows)
+    file = Config({"settings": [*settings]}, rows)
+    assert planned(held, set=("agent.rate=0.1",)).experiment == held.experiment
+    assert planned(file=file, set=("agent.rate=1",)).experiment.settings == ("hidden=32", "rate=1")
+    with pytest.raises(InputError, match="settings must be words NAME=VALUE, got 5"):
+        planned(file=Config({"settings": 5}, rows))
+    assert planned(file=Config({"settings": 5}, rows), set=("agent.rate=1",))
+
+
+def test_a_life_of_ones_own_in_a_file_without_a_plan_is_lived():
+    mine = Life("mine", "Mine", "spot_finding", (Phase(minutes=1.0),))
+    found = planned(file=Config({"life": mine}), proposer=("fixed",))
+    assert [*found.robots] == [Condition("mine", "fixed")]
 
 
 def test_words_override_a_file_before_its_values_are_checked(tmp_path):

@@ -29,7 +29,11 @@ def test_fields_that_exclude_each_other_are_refused_in_a_sentence():
         ({"seed": 10**5000}, "got a number of too many digits"),
         ({"settings": ["rate=1"]}, "settings must be words NAME=VALUE, got ['rate=1']"),
         ({"settings": (1,)}, "settings must be words NAME=VALUE, got (1,)"),
-        (kinematic | {"motor_torque": "scaled"}, "torque needs the body 'mujoco'"),
+        (
+            kinematic | {"motor_torque": "scaled"},
+            "torque needs the body 'mujoco' and a motor speed",
+        ),
+        ({"motor_torque": "scaled"}, "torque needs the body 'mujoco' and a motor speed"),
         ({"kinematics": Kinematics(wall="slides")}, "kinematics need the body 'kinematic'"),
         ({"nose": "printed", "signals": "raw"}, "raw signals need the nose 'inverse'"),
         ({"device": "cuda"}, "only the body 'kinematic' or the physics 'warp'"),

@@ -12,7 +12,7 @@ from helpers import change_physics, files_below
 
 from musebot.protocols.agents.factory import trust
 from musebot.protocols.agents.names import recorded_name
-from musebot.protocols.errors import InputError, Interrupted
+from musebot.protocols.errors import InputError, Interrupted, RunError
 from musebot.protocols.runs import simulation
 from musebot.protocols.runs.checkpoints import finished_file, save_lives
 from musebot.protocols.runs.cohort import Cohort
@@ -137,6 +137,23 @@ def test_robots_that_another_command_adds_before_the_lock_stay(run, whole, tmp_p
     monkeypatch.setattr(simulation, "locked", late)
     run(tmp_path, plan(conditions=BOTH[:1]))
     assert contents(tmp_path) == contents(whole[0])
+
+
+def test_a_run_whose_folder_was_moved_spares_the_run_that_took_its_place(
+    run, tmp_path, monkeypatch
+):
+    ours, moved, finished = tmp_path / "ours", tmp_path / "moved", UnfinishedRun.finished
+
+    def late(self, job):
+        monkeypatch.setattr(UnfinishedRun, "finished", finished)
+        ours.rename(moved)
+        run(ours, plan(seed=2))
+        finished(self, job)
+
+    monkeypatch.setattr(UnfinishedRun, "finished", late)
+    with pytest.raises(RunError, match=f"was moved or deleted .* lies in {moved}$"):
+        run(ours, plan())
+    assert read_run(ours).experiment.seed == 2
 
 
 def test_a_finished_run_is_not_simulated_again_and_says_so(whole, tmp_path, capsys, monkeypatch):
