@@ -17,7 +17,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 CHECKS = {
     "command": ["assert run.experiment.brain.ideas == 9 and len(run.robots(condition)) == 2"],
     "faq": ["assert abs(left) <= 0.5 and abs(right) <= 0.5"],
-    "methods": ["assert run.curves(creative).shape == (200, 360) and robot.agent()"],
+    "methods": ["assert run.curves(creative).shape == (500, 360) and robot.agent()"],
     "results": ["assert f'{post.mean() / steps:.1%}' == '14.6%'  # README's last row"],
     "install": ["assert picture.shape == (240, 360, 3) and frame.shape == (320, 480, 3)"],
     "tasks": [

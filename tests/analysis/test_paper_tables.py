@@ -20,7 +20,7 @@ def test_kept_pages_are_printed_again_from_runs_kept_without_brains(monkeypatch,
     monkeypatch.chdir(KEPT)
     for words, page in (
         ("mujoco", "mujoco/tables.md"),
-        ("mujoco --compare kinematic", "mujoco/compare-kinematic.md"),
+        ("mujoco --compare kinematic-1000", "mujoco/compare-kinematic-1000.md"),
     ):
         assert cli.main(["tables", *words.split()]) == 0
         assert capsys.readouterr().out == Path(page).read_text()
