@@ -9,7 +9,7 @@ the package, because Numba reuses compiled code until this file changes.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -17,13 +17,13 @@ import numpy as np
 F = np.float32  # brains compute in single precision; F turns a number into one
 
 
-def _compiled(**options):
+def _compiled(**options: Any) -> Any:
     """Returns a decorator that compiles, and keeps what it compiled where a folder can be written.
 
     Elsewhere, each process compiles anew.
     """
 
-    def decorate(function):
+    def decorate(function: Any) -> Any:
         try:
             return numba.njit(function, error_model="numpy", cache=True, **options)
         except RuntimeError:  # neither the package's folder nor the user's can be written
