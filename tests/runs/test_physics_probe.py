@@ -34,7 +34,7 @@ def test_the_probe_moves_with_a_mass_and_not_with_a_colour(monkeypatch):
     assert probe() == ours
 
 
-@pytest.mark.parametrize("name", ["mujoco", "kinematic", "plain", "lives/drift-paper"])
+@pytest.mark.parametrize("name", ["mujoco", "kinematic-1000", "plain", "lives/drift-paper"])
 def test_kept_runs_are_of_this_versions_physics(name):
     run = Path(__file__).parents[2] / "docs" / "results" / name
     experiment = read_manifest(run).experiment
