@@ -115,7 +115,7 @@ RUN = "run OUT --life wall_avoidance --robots 4 --set cohort_size=2 --processes 
 RUN += "--save-every 0.05 --proposer"
 LONGER = f"{RUN} creative --time-scale 0.004"  # there is time to stop it
 LINES = {
-    "run": f"{RUN} creative fixed --time-scale 0.002",
+    "run": f"{RUN} creative fixed --time-scale 0.004",
     "numba": "run OUT --life wall_avoidance --proposer creative fixed --robots 4 --body kinematic "
     "--set backend=numba cohort_size=2 --time-scale 0.02 --processes 2 --save-every 0.05",
     "tune": f"benchmark tune OUT {TUNE}",
