@@ -53,7 +53,7 @@ class Kinematics(Checked):
         one step of Euler's method, straight along the heading at the start of the piece.
     """
 
-    radius: float | None = number(None, 0, 0.1, "()", unit="m")
+    radius: float | None = number(None, 0, 0.1, "()", unit="m")  # a start is 10 cm from walls
     wheel_base: float | None = number(None, 0.001, 10, unit="m")  # a wider robot hardly turns
     wall: Wall = choice("holds", Wall)
     felt: Felt = choice("near", Felt)

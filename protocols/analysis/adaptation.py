@@ -15,7 +15,7 @@ import numpy as np
 from ...tasks.lives import Life, control_steps
 from ..runs.conditions import Condition
 from ..runs.run import Run
-from .intervals import FEWEST_RESAMPLED, UNKNOWN, Interval
+from .intervals import FEWEST_RESAMPLED, UNKNOWN, Interval, of_resamples
 
 FAILED = 0.1
 """Online score below which a life has failed."""
@@ -129,8 +129,7 @@ class Adaptation:
         old = self.recovery[:, -returns:][own].mean(axis=1)
         ratios = (old / controls[self.worlds[-returns:]].T).mean(axis=1)
         low, high = np.quantile(ratios, (0.025, 0.975))
-        # Resampling equal values gives no width, which does not mean certainty.
-        return mean, (float(low), float(high)) if high - low > 1e-12 else UNKNOWN
+        return mean, of_resamples(low, high)
 
     def slope(self, newborns: Newborns) -> float:
         """Returns the slope of log2 `relative_recovery` per phase, by linear regression.

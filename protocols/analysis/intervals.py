@@ -238,5 +238,12 @@ def _resampled(
             method="BCa",
             rng=np.random.default_rng(_SEED),
         ).confidence_interval
-    # Resampling equal values shows no spread, which does not mean certainty.
-    return (float(found.low), float(found.high)) if found.high - found.low > 1e-12 else UNKNOWN
+    return of_resamples(found.low, found.high)
+
+
+def of_resamples(low: float, high: float) -> Interval:
+    """Returns an interval of resampled values.
+
+    Resampling equal values shows no spread, which does not mean certainty: it is then unknown.
+    """
+    return (float(low), float(high)) if high - low > 1e-12 else UNKNOWN

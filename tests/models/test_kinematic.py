@@ -115,5 +115,7 @@ def test_a_given_size_replaces_that_of_the_body():
     changed = Kinematics(radius=0.02, wheel_base=0.04).applied_to(SIZE)
     assert changed == dataclasses.replace(SIZE, radius=0.02, wheel_base=0.04, nose=0.02)
     assert Kinematics().applied_to(SIZE) == SIZE
+    with pytest.raises(ValueError, match=r"radius must be a number in \(0, 0.1\) m"):
+        Kinematics(radius=0.4)
     central = dataclasses.replace(SIZE, nose=0.0)
     assert Kinematics(radius=0.02).applied_to(central).nose == 0
